@@ -25,7 +25,7 @@ SMALLEST, LARGEST = 12.0, 160.0  # areas of the mark of a joint [pt^2]
 
 
 class View(NamedTuple):
-    """Two directions from which a drawing of a structure is made, and their names."""
+    """Two directions in which a structure is drawn, and their names."""
 
     directions: Float[np.ndarray, "2 3"]
     names: tuple[str, str]
@@ -34,10 +34,11 @@ class View(NamedTuple):
 def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Which mode moves which joint?
 
-    Where the positions of nodes are known, the shape of every mode that the tests drive, joints in
-    full stick, over the structure at rest. The larger the mark of a joint, the larger its share in
-    the mode's strain energy; the largest shares are named. Without positions bars have the share of
-    each joint in the joints' losses in every mode, with 99 % intervals.
+    If the positions of nodes are known: the shape of every mode that the tests drive, with fully
+    stuck joints, drawn over the structure at rest. The larger the mark of a joint, the larger its
+    share in the mode's strain energy; the joints with the largest shares are named. Without
+    positions, bars show the share of each joint in the losses of all joints in every mode, with 99
+    % intervals.
 
     Panels: one per mode, in pairs; or one panel of bars.
     """
@@ -66,7 +67,7 @@ def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
 def view_of(
     position: Float[np.ndarray, "node 3"], deflection: Float[np.ndarray, "mode node 3"]
 ) -> View:
-    """Return a view of a structure along a direction in which it is flat, or isometric."""
+    """Return the directions to draw a structure in: the plane of a flat one, or isometric."""
     extent = np.ptp(position, axis=0)
     is_moved = np.abs(deflection).max(axis=(0, 1)) > FLAT
     for along, seen in ((1, (0, 2)), (2, (0, 1)), (0, (1, 2))):
@@ -112,7 +113,7 @@ def _draw_joints(panel: Axes, group: xr.Dataset, joints: xr.Dataset, mode: int, 
 
 
 def _title(joints: xr.Dataset) -> str:
-    """Return a title: the mode, and the joints with the largest shares in its strain energy."""
+    """Return the title of a panel: the mode and its joints with the largest strain energies."""
     shares = joints["energy_share"].values
     largest = np.argsort(-shares, kind="stable")[:MOST_NAMED]
     named = ", ".join(
@@ -150,13 +151,14 @@ def _bars(joints: xr.Dataset, ax: Any) -> Panels:
 
 
 def joint_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """What does every joint do at its largest motion?
+    """What force does every joint exert at its largest motion?
 
-    The steady loop of each joint's laws at the posterior's medians, at the largest motion that the
-    tests moved it by; below, less the secant of the loop, which shows its opening. A joint that is
-    not identified by itself has a loop that other joints could have in its place.
+    Above, the steady loop of each joint's laws at the medians of the posterior, at the largest
+    motion of the joint in the tests. Below, the same loop minus its secant line, which shows how
+    far it opens. If a joint is not identified separately, other joints in its place could have
+    other loops that agree with the tests.
 
-    Panels: one column per joint, with the loop and the loop less its secant.
+    Panels: one column per joint, with the loop and the loop minus its secant line.
     """
     joints = branch(tree, JOINTS, "motion", "loop", "identified")
     names = joints["joint"].values
@@ -176,7 +178,7 @@ def joint_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _draw_loop(pair: Panels, joint: xr.Dataset, units: xr.Dataset | None) -> None:
-    """Draw a joint's loop, and below it the loop without its secant force."""
+    """Draw a joint's loop, and below it the loop minus its secant line."""
     name = str(joint["joint"].values)
     x, force = (np.append(joint[n].values, joint[n].values[0]) for n in ("motion", "loop"))
     peak = int(np.argmax(np.abs(x)))

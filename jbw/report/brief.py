@@ -34,19 +34,19 @@ from jbw.results.run import RunSummary, StoredTest
 
 WIDTH, HEIGHT = 8.27, 11.69  # A4 [in]
 MARGIN = 0.7  # on every side [in]
-ROOM = WIDTH - 2 * MARGIN  # width for a line [in]
+ROOM = WIDTH - 2 * MARGIN  # width of a line of text [in]
 LEADING = 1.45  # distance of two lines relative to their font size
 POINT = 1 / 72  # [in]
 FIGURE = 3.1  # height of the backbone with its legend [in]
 FOOT = 0.5  # height reserved for the last lines [in]
-PARTS = (0.1, 0.25, 0.5, 1.0)  # times the largest fitted amplitude: lines of the table
+PARTS = (0.1, 0.25, 0.5, 1.0)  # lines of the table, as fractions of the largest fitted amplitude
 USUAL = {"size": 9.0, "color": INK}
 COLOURS = {"ok": GREEN, "usable": GREEN, "failed": VERMILLION}
 MEASURE = TextToPath()
 
 
 class Cells(NamedTuple):
-    """A small table: heading, positions of columns [fraction of the line], names and rows."""
+    """A small table: heading, positions of its columns [share of the line], names and rows."""
 
     heading: str
     # Position of each column's beginning and end, and its alignment.
@@ -69,7 +69,7 @@ def write_brief(
     buffer = io.BytesIO()
     metadata = {"Title": _name(summary), "Creator": f"jbw {__version__}", "Producer": None}
     with warnings.catch_warnings(), matplotlib.rc_context({"pdf.fonttype": 42}):
-        # A letter that the font lacks is shown as a box.
+        # Matplotlib shows a letter that the font lacks as a box.
         warnings.filterwarnings("ignore", message="Glyph")
         figure.savefig(buffer, format="pdf", metadata={**metadata, "CreationDate": None})
     return buffer.getvalue()
@@ -106,7 +106,7 @@ def _name(summary: RunSummary) -> str:
 
 
 def _verdict(figure: Figure, top: float, summary: RunSummary, quantities: Any) -> float:
-    """Draw a box with the valid use of the results and the first reason against them."""
+    """Draw a box that states how the results may be used, and the first reason against them."""
     word = badge(summary.verdict.status).word
     use, colour = messages.USE.get(word, messages.PROVISIONAL), COLOURS.get(word, ORANGE)
     start = top
@@ -158,7 +158,7 @@ def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
 
 
 def _levels(tree: xr.DataTree) -> Cells:
-    """Return a table of frequency, shift, damping ratio and Q at parts of the largest amplitude."""
+    """Return a table of frequency, damping and Q at fractions of the largest amplitude."""
     curve = tree[BACKBONE].to_dataset()
     y_peak = float(curve.attrs["y_fitted"])
     factor, unit = length_unit(y_peak)
@@ -172,7 +172,8 @@ def _levels(tree: xr.DataTree) -> Cells:
     for part, (low, hertz, high), (least, ratio, most) in zip(
         PARTS, frequency, damping, strict=True
     ):
-        # Q falls where damping rises, so the ends change places. Without damping Q is infinite.
+        # Q falls where the damping rises, so the ends of the interval are exchanged. Without
+        # damping Q is infinite.
         quality = NOTHING if least <= 0 else _interval(*(0.5 / x for x in (most, ratio, least)))
         rows.append(
             (
@@ -193,7 +194,7 @@ def _levels(tree: xr.DataTree) -> Cells:
 
 
 def _interval(low: float, middle: float, high: float) -> str:
-    """Format a value and its interval, to two digits of a fifth of its width, six at most."""
+    """Format a value and its interval to two digits of a fifth of the width, at most six digits."""
     widened = max(0.2, 1e-5 * abs(middle) / (high - low)) if high > low else 0.2
     return interval(low, middle, high, widened)
 
@@ -276,7 +277,7 @@ def _worst(rows: Sequence[StoredTest]) -> str:
 
 
 def _foot(figure: Figure, summary: RunSummary, tree: xr.DataTree) -> None:
-    """Draw the last lines of the brief, which explain the results and identify the run."""
+    """Draw the last lines of the brief: how to read the results, and from which run they come."""
     created_at = (
         str(tree["posterior"].attrs.get("created_at", "")) if "posterior" in tree.children else ""
     )
@@ -332,7 +333,7 @@ def _paragraph(figure: Figure, top: float, text: str, most: int, indent: float =
 
 
 def _put(figure: Figure, x: float, top: float, text: str, **look: Any) -> None:
-    """Write a text on a figure at a position [in], without interpreting dollar signs."""
+    """Write a text on a figure at a position [in]; dollar signs begin no formula."""
     if text:
         figure.text(x / WIDTH, top / HEIGHT, text, va="top", parse_math=False, **{**USUAL, **look})
 
@@ -354,7 +355,7 @@ def _broken(text: str, width: float, size: float, most: int) -> list[str]:
 
 
 def _pieces(words: Sequence[str], width: float, size: float) -> Iterator[str]:
-    """Yield words, with those longer than a line split into parts."""
+    """Yield the words of a text; split words that are longer than a line."""
     for word in words:
         while _width(word, size) > width:
             count = next(
@@ -371,7 +372,7 @@ def _shortened(text: str, width: float, size: float, weight: str = "normal") -> 
     if _width(text, size, weight) <= width:
         return text
     low, high = 0, len(text)
-    while low < high:  # The search finds the longest beginning that fits.
+    while low < high:  # A binary search finds the longest beginning of the text that fits.
         middle = (low + high + 1) // 2
         fits = _width(f"{text[:middle].rstrip()}…", size, weight) <= width
         low, high = (middle, high) if fits else (low, middle - 1)

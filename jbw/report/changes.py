@@ -29,13 +29,13 @@ from jbw.report.words import Badge
 from jbw.results.differences import ComparedQuantity, RunDifference, RunsSideBySide
 
 RUNS = ("A", "B")
-LEAST = 1e-3  # Probabilities below this, or above 1 minus this, are stated as bounds.
+LEAST = 1e-3  # Probabilities below this value, or above 1 minus this value, are stated as bounds.
 QUANTITIES = {"frequency": "frequency [Hz]", "damping": "damping ratio [%]"}
 LEVEL = 0.99  # probability of the band for a new reading of an unchanged joint
 
 
 def parameters_table(record: RunDifference) -> Table:
-    """Return a table with one row per quantity that both runs drew."""
+    """Return a table that compares the parameters and products that two runs have in common."""
     return table(
         messages.TABLE,
         record.parameters,
@@ -47,7 +47,7 @@ def parameters_table(record: RunDifference) -> Table:
 
 
 def backbone_table(record: RunDifference) -> Table:
-    """Return a table of frequency and damping at amplitudes that both runs fitted."""
+    """Return a table that compares frequency and damping of two runs at common amplitudes."""
     factor, unit = length_unit(max((row.amplitude or 0.0 for row in record.backbone), default=1.0))
     return table(
         messages.BACKBONE_TABLE,
@@ -59,7 +59,7 @@ def backbone_table(record: RunDifference) -> Table:
 
 
 def side_by_side_table(record: RunsSideBySide) -> Table:
-    """Return a table of runs by torque, at two amplitudes (a tenth and all of the common range)."""
+    """Return a table of runs by torque: frequency and damping at two common amplitudes."""
     amplitudes = sorted({row.amplitude for row in record.readings})
     factor, unit = length_unit(amplitudes[-1])
     read = {(row.run, row.amplitude): row for row in record.readings}
@@ -116,7 +116,7 @@ def _interval(ends: Sequence[float]) -> str:
 
 
 def probability_text(row: ComparedQuantity) -> str:
-    """Format the probability P(A > B) to three digits, or as `prior`."""
+    """Format the probability P(A > B) to three digits; `prior` if not determined by data."""
     if row.of_prior:
         return "prior"
     value = row.probability
@@ -153,7 +153,7 @@ def backbones_figure(bands: xr.Dataset, ax: Any = None) -> Any:
 def watch_figure(
     settings: Mapping[str, Any], readings: Sequence[Mapping[str, Any]], ax: Any = None
 ) -> Panels:
-    """Draw a watch's readings at the first amplitude, its references' band and all alarms."""
+    """Draw frequency and damping of new records, the reference band, and all alarms."""
     axes = panels(ax, 2, 1, height=4.6)
     values = np.array([reading["values"][:2] for reading in readings]).reshape(-1, 2)
     values[:, 1] = 100 * np.exp(values[:, 1])
@@ -185,7 +185,7 @@ def watch_figure(
 def watch_sheet(
     name: str, settings: Mapping[str, Any], readings: Sequence[Mapping[str, Any]]
 ) -> Sheet:
-    """Return the page of a watch: figure, statement at every alarm, table of all readings."""
+    """Return the page of a watch: figure, statement on every alarm, table of all records."""
     alarms = [reading for reading in readings if reading.get("alarm")]
     stated = [f"{row['record']}: {row['statement']}" for row in alarms if "statement" in row]
     last = [reading["statement"] for reading in readings if "statement" in reading][-1:]
@@ -201,7 +201,7 @@ def watch_sheet(
 
 
 def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
-    """Return a table with one line per record, with its readings at the first amplitude."""
+    """Return a table with one line per record: frequency and damping at the first amplitude."""
 
     def number(heading: str, read: Any, form: str) -> Column:
         def shown(reading: Mapping[str, Any]) -> str:
@@ -231,5 +231,5 @@ def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
 
 
 def _damping(reading: Mapping[str, Any]) -> float | None:
-    """Return the damping ratio of a watch's reading at the first amplitude, in per cent."""
+    """Return the damping ratio of a watched record at the first amplitude, in per cent."""
     return 100 * float(np.exp(reading["values"][1])) if "values" in reading else None

@@ -54,7 +54,7 @@ def shown_text(name: object) -> str:
 
 
 def traces(ax: Axes) -> list[Trace]:
-    """Return the bands and lines of matplotlib axes as plotly traces."""
+    """Return the bands and lines of matplotlib axes as traces for plotly."""
     drawn_traces = []
     artists: list[Any] = [*ax.collections, *ax.lines]
     for artist in artists:
@@ -157,7 +157,7 @@ def _records(tree: xr.DataTree) -> Drawn:
 
 
 def _loops(tree: xr.DataTree) -> Drawn:
-    """Draw the hysteresis loops of all levels less their secants, so that areas are visible."""
+    """Draw the loops of all levels minus their secant lines, so that their areas are visible."""
     needed = ("measured_y", "measured_force", "model_y", "model_force")
     for name, test in tests(tree, "validation/loops", *needed):
         ax = _blank(xlabel="displacement [mm]", ylabel=labels.LESS_SECANT)
@@ -173,7 +173,7 @@ def _forced_loops(tree: xr.DataTree) -> Drawn:
 
 
 def _groups(tree: xr.DataTree) -> Drawn:
-    """Draw tests of added kinds over their own coordinate, with one chart per group of values."""
+    """Draw tests of kinds that were added to jbw, with one chart per group of values."""
     for _, name, test in verified(tree, "axis"):
         axis = str(test.attrs["axis"])
         kind = str(test.attrs.get("kind", "response")).replace("_", " ")
@@ -199,7 +199,7 @@ class CurvePoints(NamedTuple):
 
 
 def shared_limit(sizes: Sequence[int], total: int) -> int:
-    """Return the largest number of points per curve (two at least) for at most `total` in all."""
+    """Return how many points each curve may have, so that all have at most `total` points."""
     low, high = 2, max([2, *sizes])
     while low < high:
         middle = (low + high + 1) // 2
@@ -209,7 +209,7 @@ def shared_limit(sizes: Sequence[int], total: int) -> int:
 
 
 def decimated(points: CurvePoints, most: int) -> CurvePoints:
-    """Reduce a curve to the least and largest ordinate of each stretch, about `most` points.
+    """Reduce a curve to the extremes of each stretch of its abscissa, about `most` points.
 
     Each part between NaN values keeps its first and last point, so that a band stays closed and a
     gap stays a gap. A curve of `most` points or fewer is returned unchanged.

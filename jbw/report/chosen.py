@@ -12,7 +12,7 @@ Part = Literal["chosen", "rest", "all"]
 
 
 def selected(tests: Tests, part: Part) -> Tests:
-    """Return the tests that a figure draws: the chosen ones, the remaining ones, or all.
+    """Return the tests that a figure draws: the representative tests, the others, or all.
 
     Raises:
         ConfigError: `part` has another value.
@@ -33,7 +33,7 @@ def selected(tests: Tests, part: Part) -> Tests:
 
 
 def chosen_names(tests: Tests) -> set[str]:
-    """Choose three representative tests: the weakest and strongest fitted, and a held-out one.
+    """Choose three representative tests: the weakest and the strongest fitted, and a held-out one.
 
     The first test of a kind and level represents all tests of that kind and level.
     """

@@ -12,19 +12,19 @@ from jbw.report.text import NOTHING, length_unit, number, percent
 if TYPE_CHECKING:
     from jbw.results.run import StoredCycle, StoredLoop  # loads pydantic
 
-MOST_CYCLES = 12  # of a test in a table
-ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))  # factor and unit
+MOST_CYCLES = 12  # cycles of one test in a table
+ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))  # factor and unit in which an angle is shown
 
 
 def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
-    """Return the factor and the unit in which a displacement [m] or rotation [rad] exceeds one."""
+    """Return the unit in which a displacement [m] or rotation [rad] exceeds one, and its factor."""
     if unit != "rad":
         return length_unit(largest)
     return next((prefix for prefix in ANGLES if largest * prefix[0] >= 1.0), ANGLES[-1])
 
 
 def loops_table(loops: Sequence["StoredLoop"]) -> Table:
-    """Return a table of force loops: largest motion and secant stiffness there."""
+    """Return a table of force loops: largest motion, and secant stiffness at that motion."""
     motion, stiffness = _written(loops)
     return table(
         "Force loops",
@@ -36,7 +36,7 @@ def loops_table(loops: Sequence["StoredLoop"]) -> Table:
 
 
 def cycles_table(loops: Sequence["StoredLoop"]) -> Table:
-    """Return a table of cycles: amplitude, secant stiffness, work, damping, retained stiffness."""
+    """Return a table of cycles: amplitude, secant stiffness, work, damping, remaining stiffness."""
     (factor, unit), stiffness = _written(loops)
     return table(
         notes.CYCLES,
@@ -68,7 +68,7 @@ def _written(loops: Sequence["StoredLoop"]) -> tuple[tuple[float, str], str]:
 
 
 def _shown(loop: "StoredLoop") -> Iterator["StoredCycle"]:
-    """Yield the cycles of a test: all, or evenly spaced ones with first and last if many."""
+    """Yield the cycles of a test that a table shows: all, or some at even distances."""
     count = len(loop.cycles)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_CYCLES)).round())
     for i in chosen.astype(int):

@@ -27,10 +27,10 @@ from jbw.report.result import (
 from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, plain, title
 from jbw.report.text import NOTHING, number, percent, quantity, shown_as, spread_text
 
-# Of a law with memory: the stiffness that it takes from the spring, and the rate of its force.
+# For each law with memory: the initial stiffness of its force, and the rate of this force.
 RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}
 SPRINGS = {"cubic": "λ₃ y³"}
-MOST = 6  # parameters that fit below the drawing
+MOST = 6  # parameters for which the drawing has room
 WALL, MASS, RIGHT = 0.6, 4.6, 7.0  # abscissae of the drawing
 SPRING, DAMPER, HYSTERESIS = 9.6, 8.2, 6.8  # ordinates of its elements
 STROKE: Any = {"color": INK, "lw": 1.2, "solid_capstyle": "round"}
@@ -43,11 +43,12 @@ PAD, GAP = 0.1, 0.2  # space above and below the text of a box, and between boxe
 
 
 def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """What stands for the structure, and what do the bolts do to it?
+    """What model represents the structure, and what do the bolts do to it?
 
-    One mode with a hysteretic element for the joint; medians of the main posterior with half of
-    their 99 % intervals. Right, the element's force along cycles of a quarter, half and all of the
-    largest fitted displacement: the harder the cycle, the softer and the wider.
+    Left, one mode with a hysteretic element for the joint: medians of the main posterior with half
+    of their 99 % intervals. Right, the force of this element along cycles of a quarter, half and
+    all of the largest fitted displacement: the larger the cycle, the softer the joint and the wider
+    its loop.
 
     Panels: the schematic; the loops of the hysteretic element where the run stored them (2 axes).
 
@@ -87,7 +88,7 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _elements(ax: Axes, stiffness: str, *, hysteretic: bool) -> None:
-    """Draw the oscillator: a wall, the elements in parallel, the mass, its force and motion."""
+    """Draw the oscillator: wall, parallel elements, mass, force and motion."""
     ax.plot([WALL, WALL], [6.0, 10.4], **STROKE)
     for y in np.arange(6.2, 10.5, 0.5):
         ax.plot([WALL - 0.35, WALL], [y - 0.35, y], color=SOFT, lw=0.8)
@@ -125,7 +126,7 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
 
 
 def _spread(parameter: PosteriorParameter) -> str:
-    """Return the displayed median of a parameter with half of its 99 % interval."""
+    """Return a parameter's median with half of its 99 % interval, as text."""
     shown = shown_as(parameter.name, parameter.unit)
     return spread_text(shown.factor * parameter.draws, shown.unit)
 
@@ -135,7 +136,7 @@ def _symbol(parameter: PosteriorParameter) -> str:
 
 
 class StepOutcome(NamedTuple):
-    """The outcome of one sampler of a step: estimates, mixing and verdict."""
+    """The results of one sampler in a step: estimates, mixing and verdict."""
 
     words: str
     mixing: str = ""
@@ -143,7 +144,7 @@ class StepOutcome(NamedTuple):
 
 
 class StepBox(NamedTuple):
-    """One step of the procedure; it is not drawn without outcomes."""
+    """The box of one step in the drawing; it is omitted if the step was not run."""
 
     name: str
     does: str
@@ -151,14 +152,14 @@ class StepBox(NamedTuple):
 
 
 def _height(box: StepBox) -> float:
-    """Return the height of a step's box [in], with two lines at least for its name."""
+    """Return the height of a step's box [in], which has room for a name of two lines."""
     return 2 * PAD + LINE * max(2, sum(1 + outcome.words.count("\n") for outcome in box.outcomes))
 
 
 def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """What did each step of the procedure find?
 
-    The steps that the tests allow; medians with half of their 99 % intervals, and for every sampler
+    The steps that the tests allow: medians with half of their 99 % intervals. For every sampler,
     its verdict, the least effective sample size and the largest R-hat.
 
     Reference:
@@ -232,7 +233,7 @@ def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[StepOutcom
 
 
 def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[StepOutcome]:
-    """Return the main posterior's estimates as texts, two per line, with its mixing below."""
+    """Return the estimates of the main posterior as texts, two per line, then its mixing."""
     stored = parameters(branch(tree, "posterior"))
     shown = [
         parameter

@@ -55,7 +55,7 @@ class ReportFigure(NamedTuple):
 
     slug: str  # file name without suffix
     name: str  # figure_1 to figure_13 as in the paper, or another name
-    # Function of (tree, ax); its docstring begins with question and caption.
+    # Function of (tree, ax) that draws the figure; its docstring begins with question and caption.
     draw: Callable[..., Any]
     question: str  # question that the figure answers, which is its title on the page
     caption: str  # what the figure shows and what to look for
@@ -64,7 +64,7 @@ class ReportFigure(NamedTuple):
     rest: Callable[..., Any] | None = None
 
 
-# Groups of figures on the page by name, with their headings, in the page's order.
+# Names of the groups of figures on the page, with their headings, in the order of the page.
 GROUPS = {
     "tests": "Model against the tests",
     "structure": "Structure and procedure",
@@ -123,7 +123,7 @@ def __getattr__(name: str) -> Callable[..., Any]:
 
 
 def figure_of(drawn: Any) -> Figure:
-    """Return the matplotlib figure to which a figure function's axes belong."""
+    """Return the matplotlib figure that contains the axes which a figure function returned."""
     return np.asarray(drawn, dtype=object).reshape(-1)[0].figure
 
 
@@ -159,14 +159,14 @@ class Files(NamedTuple):
 
 
 class Beside(Protocol):
-    """A second process that draws figures of a saved result."""
+    """A second process that draws figures of a saved result at the same time."""
 
     def ask(self, result: Path, names: Sequence[str], files: "Files | None") -> bool:
-        """Ask the process for figures by name; return False if it cannot draw them."""
+        """Ask the second process to draw figures by name; return False if it cannot draw them."""
         ...
 
     def drawn(self) -> Mapping[str, Sequence[str]]:
-        """Return the fields of each requested `DrawnFigure` by name; empty if drawing failed."""
+        """Return the figures that the second process drew, by name; empty if drawing failed."""
         ...
 
 
@@ -202,7 +202,7 @@ def draw_figures(
 
 
 def draw_when_asked() -> None:
-    """Draw the figures that one line of standard input requests: the program of `Beside`."""
+    """Run the second process: draw the figures that one line of standard input names."""
     # The requesting process handles the interrupt and ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Standard output must contain nothing but the answer.

@@ -22,17 +22,20 @@ from jbw.report.words import combination
 from jbw.results.run import StoredDirection, StoredIdentifiability, StoredProfile, StoredShift
 
 GROUP = "identifiability"
-LEAST = 1e-6  # relative to the prior's standard deviation; shorter bars would compress the others
-LISTED = 3  # names of a long combination in its label
+# smallest displayed value, relative to the prior's standard deviation; shorter bars would compress
+# the others
+LEAST = 1e-6
+LISTED = 3  # largest number of names of a combination in its label
 
 
 def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Which parameters and combinations do the data know?
+    """Which parameters and combinations do the data determine?
 
-    Left, the directions in which the data say more than the prior, from the derivatives of the fit;
-    at the line of 1 they say nothing. Right, the same for every parameter and for the products αδ
-    and αγ, before sampling and after it. A product far to the left of its factors is what the data
-    know; the factors are then the prior's.
+    Left, combinations of parameters (directions) that the data determine more precisely than the
+    prior, from the derivatives of the fit. At a value of 1 the data add nothing to the prior.
+    Right, the same ratio for every parameter and for the products αδ and αγ, before and after
+    sampling. If a product lies far to the left of its factors, the data determine the product, and
+    the prior determines the factors.
     """
     group = branch(tree, GROUP, "direction_ratio", "parameter_ratio")
     names = names_of(tree)
@@ -87,11 +90,12 @@ def _column(group: xr.Dataset, what: str) -> Float[np.ndarray, " quantity"]:
 
 
 def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """How far can each parameter move while the others make up for it?
+    """How far can each parameter move while the others compensate?
 
-    Least χ² with the parameter held, less the least of all. A parabola that passes the dashed line
-    on both sides gives a 99 % interval; a curve that stays below it up to the bound is a limit that
-    the data do not set.
+    Least χ² with one parameter held at each value, minus the least χ² of all values. If a curve
+    crosses the dashed line on both sides of its minimum, the crossings are the ends of a 99 %
+    interval. If it stays below the line up to a prior bound, the data do not limit the parameter on
+    this side.
 
     Panels: one per parameter.
     """
@@ -117,7 +121,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def directions_table(found: StoredIdentifiability, quantities: Names) -> Table:
-    """Return the table of the information spectrum, one row per direction, the strongest first."""
+    """Return the table of the information spectrum, best determined combination first."""
 
     def direction(row: StoredDirection) -> Cell:
         return Cell(combination(row.combination, quantities), typed=row.combination)
@@ -132,7 +136,7 @@ def directions_table(found: StoredIdentifiability, quantities: Names) -> Table:
 
 
 def quantities_table(found: StoredIdentifiability, quantities: Names) -> Table:
-    """Return a table of each parameter's and combination's precision, before and after sampling."""
+    """Return a table of how precisely each parameter is determined, before and after sampling."""
     return table(
         "Parameters and combinations",
         [*found.parameters.values(), *found.combinations.values()],
@@ -157,7 +161,7 @@ def quantities_table(found: StoredIdentifiability, quantities: Names) -> Table:
 
 
 def _waterfall(costs: Sequence[float | None]) -> str:
-    """Return a sentence on the final costs of the fit's starts."""
+    """Return the sentence on the final costs of fits from several starts."""
     if len(costs) < 2:
         return ""
     shown = ["none" if cost is None else number(cost, digits=4) for cost in costs]
@@ -165,7 +169,7 @@ def _waterfall(costs: Sequence[float | None]) -> str:
 
 
 def _shift(move: StoredShift | None, quantities: Names) -> str:
-    """Return how far a parameter's mean follows its prior box [sd], and which bound moves it."""
+    """Return how far a posterior mean moves with its prior bounds [sd], and with which bound."""
     if move is None or not move.box:
         return NOTHING
     size = "∞" if move.shift is None else number(move.shift, 0.1)

@@ -21,10 +21,10 @@ from jbw.report.words import Badge
 from jbw.results.laws import StoredLaws
 
 LOOKS = [(colour, dashes) for dashes in ("-", "--", ":") for colour in LEVELS]
-RUN_ROW = 0.22  # height of a run's line [in]
+RUN_ROW = 0.22  # height of the line of one run [in]
 MOST = 4  # laws drawn at once; the others are in a folded figure
 LAW_ROW = 1.9  # height of a law's panels [in]
-ROUND = 0.35  # margin around points and best law, relative to their range
+ROUND = 0.35  # margin around the points and the best law, as a fraction of their range
 
 Looks = dict[str, tuple[str, str]]
 
@@ -136,7 +136,7 @@ def render_laws(tree: xr.DataTree, record: StoredLaws) -> str:
 def law_backbones(
     tree: xr.DataTree, record: StoredLaws, laws: Sequence[str], ax: Any = None
 ) -> Panels:
-    """Draw measured points on the backbone of each law, one row per law, all with the same scale.
+    """Draw the backbone and the measured points of each law, one row per law, on a common scale.
 
     Panels: frequency and damping ratio of each law (2 axes per law, row by row).
     """
@@ -173,7 +173,7 @@ def law_backbones(
 
 
 def laws_sheet(record: StoredLaws) -> Sheet:
-    """Return the content of the laws page, without its figures."""
+    """Return the content of the page on laws, without its figures."""
     best = law_order(record)[0]
     equivalent = record.answered("not told apart")
     equivalent_words = messages.not_distinguished(equivalent) if equivalent else ""

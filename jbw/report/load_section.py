@@ -20,7 +20,7 @@ POSTERIOR = "posterior_sha256"  # attribute: SHA-256 of the posterior that predi
 
 
 class LoadSection(NamedTuple):
-    """The predictions under other loads in the form that the page of a run shows.
+    """The predictions under other loads, prepared for the page of a run.
 
     Attributes:
         remark: Sentence on what the bands contain, or on why nothing is shown.
@@ -62,7 +62,8 @@ def _datasets(tree: xr.DataTree) -> list[xr.Dataset]:
 def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:
     slug = f"load_{messages.slug_of(name)}"
     figure = figure_of(load_figure(name, dataset))
-    drawn = Markup(svg(figure, slug))  # our own drawing of numbers, its texts are outlines
+    # The drawing is jbw's own and its texts are outlines, so that it is safe to insert unescaped.
+    drawn = Markup(svg(figure, slug))
     entry = ReportFigure(slug, slug, load_figure, messages.heading(name), "")
     return {"entry": entry, "number": "", "svg": drawn, "rest": "", "missing": ""}
 

@@ -21,8 +21,8 @@ from jbw.report.text import axis_label, length_unit, unit_text
 
 MOST_NAMED = 12  # tests named in a legend
 DOTS = {"ls": "", "marker": ".", "ms": 4}
-COLUMNS = 400  # columns of a spectrogram, and extremes drawn of a channel
-LONGEST, SHORTEST = 1024, 32  # longest and shortest window of a spectrogram [samples]
+COLUMNS = 400  # columns of a spectrogram, and of a channel's drawn extremes
+LONGEST, SHORTEST = 1024, 32  # largest and smallest length of a spectrogram's window [samples]
 WINDOWS = 24  # number of adjacent windows of a spectrogram in a short record
 RANGE = 90.0  # range of a spectrogram below its largest value [dB]
 CURVE = "frequency"  # channel of a record that is a measured response curve
@@ -30,12 +30,12 @@ COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.INK)
 
 
 def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Is the structure nonlinear, before any model?
+    """Do the records alone show that the structure is nonlinear?
 
-    Left, where a test is driven, the response of each about its resonance, displacement over
-    source: that of a linear structure is one curve for all levels. Beside it frequency and damping
-    of every record, each read as a linear oscillator's, against the motion: a linear structure's do
-    not change with it. Each colour is a test, or the tests of one kind and level on several days.
+    Left, for driven tests: displacement divided by the source, around the resonance. For a linear
+    structure the curves of all levels coincide. Right, frequency and damping of every record, from
+    the fit of a linear oscillator, against the motion. For a linear structure they do not change
+    with the motion. Each colour is a test, or the tests of one kind and level on several days.
     """
     look = node(tree, "look")
     if look is None or not look.children:
@@ -63,7 +63,7 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _families(tests: list[xr.Dataset]) -> list[str]:
-    """Return each test's label: kind and level if several tests share them, otherwise its name."""
+    """Return each test's label: kind and level if several tests share them, else its name."""
     kind_and_level = [(test.attrs["kind"], test.attrs.get("level")) for test in tests]
     return [
         f"{kind}, {level:g}" if level is not None and kind_and_level.count((kind, level)) > 1
@@ -73,7 +73,7 @@ def _families(tests: list[xr.Dataset]) -> list[str]:
 
 
 def _responses(only: Axes, tests: list[xr.Dataset], colours: list[str]) -> None:
-    """Plot each driven test's response over its source."""
+    """Plot each driven test's response divided by its source."""
     driven = [pair for pair in zip(tests, colours, strict=True) if "response" in pair[0]]
     for test, colour in driven:
         only.plot(test["freq"], test["response"], color=colour, lw=0.8)

@@ -31,20 +31,21 @@ from jbw.report.text import axis_label, length_unit, number, unit_text
 MILLI, KILO, PERCENT = 1e3, 1e3, 100.0
 BAND_SDS = 5.15
 """Width of a normal variable's 99 % interval in standard deviations."""
-LITTLE = 0.2  # relative to the hysteretic force: a smaller effect of slip is drawn by itself
+# If slip changes the hysteretic force by less than this share, only the change is drawn.
+LITTLE = 0.2
 Curve = Float[np.ndarray, " point"]
 Ring = Float[np.ndarray, " point+1"]
 
 
 class Areas(NamedTuple):
-    """The enclosed areas [J/kg] at lower end, median and upper end of their bands."""
+    """Enclosed areas of a loop [J/kg]: lower end, median and upper end of their bands."""
 
     measured: Float[np.ndarray, "3"]
     model: Float[np.ndarray, "3"]
 
 
 def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
-    """Return a test's loop areas (with viscous force for `_viscous`); None if absent."""
+    """Return a test's loop areas (with viscous force for `_viscous`); None if they are missing."""
     names = (f"measured_area{ending}", f"model_area{ending}")
     if any(name not in test for name in names):
         return None
@@ -54,8 +55,9 @@ def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
 def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Does the model reproduce the hysteresis loops?
 
-    Restoring force against displacement; below, less the secant of the measured loop, which shows
-    its opening. The enclosed area is the energy lost in the joint per cycle and per unit mass.
+    Above, restoring force against displacement. Below, the same force minus the secant line of the
+    measured loop, which shows how far the loop opens. The enclosed area is the energy lost in the
+    joint per cycle and per unit mass.
 
     Panels: one column per test (2 axes per test, row by row). The secant encloses no area.
     """
@@ -117,7 +119,7 @@ def closed(y: Curve, force: Curve) -> tuple[Ring, Ring]:
 def _ring(
     ax: Axes, y: Curve, band: Float[np.ndarray, "quantile point"], colour: str, label: str
 ) -> None:
-    """Fill a force band around a loop, first its falling half, then its rising half."""
+    """Fill the band of a force around a loop: first its falling half, then its rising half."""
     for part, name in zip(strokes(y), (label, "_rising"), strict=True):
         shade(ax, y[part] * MILLI, band[0][part], band[2][part], colour, name, alpha=0.4)
 
@@ -132,8 +134,9 @@ def strokes(y: Curve) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Does the model follow the force along a prescribed displacement?
 
-    Measured loops and the model's 99 % parameter band, beside the best linear spring. The energy
-    lost is the work of the force over the whole record. Of torsion, torque along a rotation.
+    Measured loops, the model's 99 % parameter band, and the best linear spring. The energy lost is
+    the work of the force over the whole record. For torsion, the figure shows torque against
+    rotation.
 
     Panels: one per test, lowest level first.
     """
@@ -168,7 +171,7 @@ def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
 
 
 def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
-    """Return the stretches of a displacement between its main turning points.
+    """Return the stretches of a displacement between its main turning points, as slices.
 
     Turning points that differ by less than `least` of the whole range are ignored.
     """
@@ -178,13 +181,13 @@ def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
 
 
 def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """What do frequency and damping become as the joint slips?
+    """How do frequency and damping change as the joint slips?
 
-    Natural frequency and equivalent damping of the identified joint against amplitude; open symbols
-    are what each test shows without a model of the joint, read as a linear oscillator, with the
-    standard deviation of its repeats. Dotted lines are the ends of the 99 % band of a law without a
-    form, by the readings of fitted tests; it widens where there are none. Beyond the amplitudes
-    that were fitted (grey) the law is trusted, not tested.
+    Natural frequency and equivalent damping of the identified joint against amplitude. Open symbols
+    are frequency and damping of each test, from the fit of a linear oscillator without a model of
+    the joint, with the standard deviation of its repeats. Dotted lines are the ends of the 99 %
+    band without an assumed law, from the values of the fitted tests; the band is wide where there
+    are no values. Beyond the fitted amplitudes (grey) no test checks the law.
 
     Panels: frequency, damping (2 axes); grey beyond the fitted amplitudes.
     """
@@ -237,9 +240,10 @@ def draw_loops(tree: xr.DataTree, only: Axes) -> None:
 def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     """How do frequency and damping depend on the amplitude?
 
-    Points are read from the records without any model of the joint, with their 99 % intervals; the
-    bands are the model's, from the equivalent stiffness and the energy lost in its steady loop.
-    Points that leave the band on a curve tell of a joint that the law does not describe.
+    Points are measured from the records without a model of the joint, with their 99 % intervals.
+    The bands belong to the model, and follow from the equivalent stiffness and the energy lost in
+    its steady loop. If neighbouring points leave the band in the same direction, the law does not
+    describe the joint.
 
     Panels: frequency, damping.
     """

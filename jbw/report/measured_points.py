@@ -11,25 +11,26 @@ from jbw.report.result import HELD_OUT, node
 from jbw.report.style import INK, SKY, plain
 
 MARKERS = "osD^v<>"  # one marker per kind of test, repeated if there are more kinds
-ALIKE = 0.1  # relative to the largest motion: readings within this range are repeats of one another
-# Relative distance from the joint's frequency, above which a reading belongs to another mode.
+# relative to the largest motion: measurements within this range are repeats of one another
+ALIKE = 0.1
+# Relative distance from the joint's frequency, beyond which a measured frequency is another mode's.
 OTHER_MODE = 0.15
 
 Values = Float[np.ndarray, " reading"]
 
 
 class MeasuredPoints(NamedTuple):
-    """The readings of one test, with errors: means over records, or readings along a record."""
+    """Frequency and damping of one test: means over its records, or values along a record."""
 
     kind: str
     is_fitted: bool
     y: Values  # amplitude of the displacement [m]
     values: dict[str, Values]  # frequency [Hz] and damping [-]
-    std: dict[str, Values]  # sd of repeats, or of the reading; NaN where neither is known
+    std: dict[str, Values]  # sd between repeats, or of the measurement; NaN if neither is known
 
 
 def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[MeasuredPoints]:
-    """Return the readings within a backbone's range, in order of motion; empty without readings.
+    """Return measured frequency and damping within a backbone's range, in order of motion.
 
     Decays and sweeps are read along the amplitudes that they pass, from the smallest amplitude of
     the curve. Other tests are read as a whole, at the mean amplitude weighted by energy, sum A^3 /
@@ -75,7 +76,7 @@ def _points(test: xr.Dataset, curve: xr.Dataset) -> MeasuredPoints:
 def draw_points(
     ax: Axes, points: list[MeasuredPoints], name: str, factor: float, scale: float
 ) -> None:
-    """Draw readings of a quantity against amplitude, with one open symbol per kind of test."""
+    """Draw measured values against amplitude, with one open symbol per kind of test."""
     kinds = list(dict.fromkeys(reading.kind for reading in points))
     for kind, is_fitted in dict.fromkeys((reading.kind, reading.is_fitted) for reading in points):
         of_kind = [

@@ -16,8 +16,9 @@ from jbw.report.text import length_unit, number
 
 TURN = 2 * np.pi
 ORDERS = (3, 5, 7)
-NEAR = 0.01  # relative distance from the harmonic's frequency that counts as an internal resonance
-MAX_TURNS = 2  # turning points of a joint's motion in a period, above which a backbone ends
+NEAR = 0.01  # relative distance between two frequencies that counts as an internal resonance
+# number of turning points of a joint's motion in a period above which a backbone ends
+MAX_TURNS = 2
 
 Levels = Float[np.ndarray, " level"]
 
@@ -112,7 +113,7 @@ def draw_backbones(
 
 
 def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> BackboneCurve:
-    """Return the backbone of one mode up to the last amplitude that could be solved."""
+    """Return the backbone of one mode up to the largest amplitude that could be solved."""
     motion = modal_backbone(
         structure, levels, mode=mode, num_harmonics=num_harmonics, max_turns=MAX_TURNS, may_end=True
     )
@@ -139,7 +140,7 @@ def interactions(
 
 
 def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
-    """Return the amplitude at which a detuning is zero, or otherwise smallest."""
+    """Return the amplitude at which a difference of two frequencies is zero, or else smallest."""
     turns = np.flatnonzero(np.diff(np.sign(away)) != 0)
     if not len(turns):
         return float(levels[nearest])

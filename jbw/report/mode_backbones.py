@@ -23,18 +23,18 @@ from jbw.report.style import (
 from jbw.report.text import length_unit
 
 BACKBONES = "backbones"
-ONE_LINE = 3  # modes side by side
+ONE_LINE = 3  # modes that are drawn side by side
 HEIGHT, HEIGHT_OF_LINE = 6.0, 5.0  # [in]
 
 
 def mode_backbones(tree: xr.DataTree, ax: Any = None) -> Panels:
     r"""How do frequency, damping and shape of every mode change with amplitude?
 
-    Bands of the posterior, the shape free to change with amplitude, and dashed what the shape of
-    full stick would have at the medians: where it leaves the band, the change of shape matters.
-    Below, first harmonics $|q_i/q_m|$ of the other modes over that of the mode itself: none grow in
-    a mode that keeps its shape. Abscissae are amplitudes at the first point, up to the largest that
-    was measured.
+    Bands of the posterior, where the mode shape may change with amplitude. Dashed: the same with
+    the mode shape of fully stuck joints, at the medians of the posterior. If the dashed line leaves
+    the band, the change of shape matters. Below, first harmonics $|q_i/q_m|$ of the other modes
+    relative to the mode itself; they do not grow if the mode keeps its shape. Abscissae are
+    amplitudes at the first response point, up to the largest measured amplitude.
 
     Panels: one column per mode, with its frequency, its equivalent damping ratio and its shape.
     """

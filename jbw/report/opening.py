@@ -27,17 +27,19 @@ from jbw.results.run import (
     StoredTest,
 )
 
-LOW = 0.1  # times the largest fitted displacement, where the joint hardly slips
+# smaller amplitude of a comparison, relative to the largest fitted displacement; the joint hardly
+# slips there
+LOW = 0.1
 MOST_SHOWN = 8
 LARGE_ODDS = 4  # number of digits above which odds are written as a power of ten
 
-# Candidates for the first picture, in order; the second list if the tree has no readings of
-# records. If a joint's motion is prescribed, its loops come first.
+# Candidates for the first picture, in order; the second list applies if the tree has no frequency
+# and damping of records. If a joint's motion is prescribed, its loops come first.
 LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "loops")
 UNMEASURED = "zeta"  # parameter that a campaign without a free or driven mode cannot determine
-CAUSE = "cause"  # finding that names an action on the data
-POORLY = 2  # grade of a parameter that data constrain more than the prior, but not to 30 %
-ABSENT = "no_joint"  # finding that replaces the first sentence
+CAUSE = "cause"  # finding that names a fault of the data as the cause of the residual
+POORLY = 2  # grade of a parameter that the data constrain more than the prior, but not to 30 %
+ABSENT = "no_joint"  # finding that replaces the first sentence: no joint is detected
 
 
 def opening(summary: RunSummary, tree: xr.DataTree) -> list[str]:
@@ -71,14 +73,14 @@ def split_sentence(summary: RunSummary) -> str | None:
 
 
 def lead(summary: RunSummary, drawn: Sequence[str]) -> str | None:
-    """Return the name of the first figure of the report, among those that could be drawn."""
+    """Return the name of the report's first figure: the first candidate that could be drawn."""
     moves = "loops" if not _has_mode(summary) else None
     leads = LEADS if summary.look.tests else UNREAD
     return next((name for name in (moves, *leads) if name in drawn), None)
 
 
 def known_parameters(summary: RunSummary) -> list[str]:
-    """List parameters known to 30 % with 99 % intervals; products where a factor is unknown."""
+    """Return texts on parameters known to 30 %; products replace factors that are unknown."""
     rows, graded = summary.parameters, grades(summary)
     drawn = [name for name in graded if rows[name].kl is not None]
     good = [name for name in drawn if graded[name] <= 1]
@@ -99,7 +101,7 @@ def _has_mode(summary: RunSummary) -> bool:
 
 
 def with_interval(row: StoredParameter) -> tuple[str, str, str]:
-    """Return a parameter's mean and 99 % interval to two digits of its width, and the unit."""
+    """Return a parameter's mean, 99 % interval and unit as text."""
     ends = (np.nan if value is None else value for value in (row.mean, row.q005, row.q995))
     mean, low, high = ends
     digits = _digits(low, high)
@@ -108,7 +110,7 @@ def with_interval(row: StoredParameter) -> tuple[str, str, str]:
 
 
 def _digits(low: float, high: float) -> int:
-    """Return the number of digits (3 to 15) that shows two digits of an interval's width."""
+    """Return the number of digits (3 to 15) that resolves an interval's width to two digits."""
     largest = max(abs(low), abs(high))
     if not high - low > 0.0 or not largest:
         return 6
@@ -116,7 +118,7 @@ def _digits(low: float, high: float) -> int:
 
 
 def effect_sentence(summary: RunSummary, tree: xr.DataTree) -> str:
-    """Return the sentence on frequency and damping at a tenth and all of the fitted amplitude."""
+    """Return the sentence on the joint's effect at a tenth and at all of the fitted amplitude."""
     for finding in summary.verdict.against:
         if finding.code == ABSENT:
             return finding.reason
@@ -165,7 +167,7 @@ def joint_sentences(joints: StoredJoints | None) -> list[str]:
 
 
 def _joints_effect(mode: StoredMode) -> str:
-    """Return the sentence on all joints' effect on a mode; for older runs with stuck shapes."""
+    """Return the sentence on the effect of all joints on a mode; older runs have stuck shapes."""
     changes = map(_per_cents, (mode.frequency_change, mode.damping_added))
     effect = messages.joints_effect(mode.mode, *changes)
     return effect if mode.shape == "free" else messages.in_full_stick(effect)
@@ -207,7 +209,7 @@ def _per_cents(band: StoredBand) -> str:
 
 
 def _change(what: str, values: np.ndarray, unit: str) -> str:
-    """Return the sentence on a quantity's change from weak motion (first row) to strong motion."""
+    """Return the clause on a quantity's change from weak motion (first row) to strong motion."""
     (_, weak, _), (low, strong, high) = values
     digits = _digits(low, high)
     interval = f"{strong:.{digits}g} {unit} [{low:.{digits}g}, {high:.{digits}g}]"
@@ -217,7 +219,7 @@ def _change(what: str, values: np.ndarray, unit: str) -> str:
 
 
 def _misfits(summary: RunSummary) -> Iterator[str]:
-    """Yield the sentences on the errors of fitted and of held-out tests."""
+    """Yield the sentences on the errors of the fitted and of the held-out tests."""
     tests = [row for row in summary.predictions.values() if row.nrmse]
     fitted = [row for row in tests if row.fitted]
     held_out = [row for row in tests if not row.fitted]
@@ -249,7 +251,7 @@ def _of_held_out(tests: Sequence[StoredTest]) -> str:
 
 
 def _noun(tests: Sequence[StoredTest]) -> str:
-    """Return the noun for a predicted unit: record if there are free decays, otherwise test."""
+    """Return the noun for what is predicted: record if there are free decays, otherwise test."""
     kinds = (KINDS.get(row.kind) for row in tests)
     return "record" if any(kind is not None and kind.is_free for kind in kinds) else "test"
 
@@ -285,7 +287,7 @@ def _span(ratios: Sequence[float], digits: int = 2) -> str:
 
 
 def _unknown(summary: RunSummary) -> str:
-    """Return the sentence on parameters that data do not identify or the prior truncates."""
+    """Return the sentence on parameters that the data do not identify or the prior truncates."""
     if (reason := unseen_hysteresis(summary.verdict)) is not None:
         return reason
     rows, graded = summary.parameters, grades(summary)

@@ -39,10 +39,10 @@ from jbw.run.files import write_whole
 under_way = logging.getLogger("jbw.progress")
 # No measured data leave the interactive page: it has no button that uploads a chart.
 PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
-# Limit on the points of all charts: 2 x 4 bytes each make 2.4 MB in base64, next to 2.0 MB of
-# compressed plotly.
+# Limit on the points of all charts together: 2 x 4 bytes each make 2.4 MB in base64, next to 2.0 MB
+# of compressed plotly.
 MOST_POINTS = 230_000
-LOOK = "look"  # the figure that is shown with the sentences on the readings
+LOOK = "look"  # the figure that is shown with the sentences on single records
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.report"),
     autoescape=True,
@@ -128,7 +128,7 @@ def _verdict(verdict: StoredVerdict, quantities: Names) -> dict[str, Any]:
 
 
 def _step(name: str, step: StoredStep, summary: RunSummary, quantities: Names) -> dict[str, Any]:
-    """Return the page's data on a step of the identification: findings and statements."""
+    """Return the page's data on one step of the identification: findings and statements."""
     return {
         "name": tables.step_heading(name, summary),
         "main": name == summary.main,
@@ -141,7 +141,7 @@ def _step(name: str, step: StoredStep, summary: RunSummary, quantities: Names) -
 
 
 def _parameters(summary: RunSummary, quantities: Names) -> dict[str, Table]:
-    """Return tables of parameters: main posterior, other steps, and the paper's route."""
+    """Return tables of parameters: main posterior, other steps, Steps 3 and 4 of the paper."""
     parameters = tables.parameters_table(summary, quantities, shown=True)
     main, of_route = summary.main, partial(tables.of_route, summary=summary)
     return {
@@ -152,7 +152,7 @@ def _parameters(summary: RunSummary, quantities: Names) -> dict[str, Table]:
 
 
 def _figures(summary: RunSummary, drawn: Mapping[str, DrawnFigure]) -> dict[str, Any]:
-    """Collect all figures for the page: first figure, readings, groups, and missing figures."""
+    """Return the page's figures: first figure, single records, groups, and failed figures."""
     by_name = {entry.name: _shown(entry, drawn[entry.name]) for entry in FIGURE_LIST}
     shown = [entry for entry in FIGURE_LIST if drawn[entry.name].svg]
     first = lead(summary, [entry.name for entry in shown])
@@ -252,6 +252,6 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
 
 
 def _lighter(line: Mapping[str, Any], limit: int) -> dict[str, Any]:
-    """Return a trace of plotly with at most `limit` points."""
+    """Return a trace of plotly, reduced to at most `limit` points."""
     x, y = decimated(CurvePoints(line["x"], line["y"]), limit)
     return {**line, "x": x, "y": y}

@@ -14,17 +14,20 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.resonances import swept
 from jbw.report.page import ENVIRONMENT
 
-NUM_SHOWN = 1500  # displayed lines of a spectrum, the largest one of each stretch
-# Number of lines whose mean power replaces one line, since single lines vary strongly.
+NUM_SHOWN = 1500  # spectral lines shown for a test, the largest of each stretch of frequencies
+# Number of neighbouring lines whose mean power is shown for a line, since single lines vary
+# strongly.
 NEAR_LINES = 9
 # Decades by which a peak must exceed its surroundings: the mean power of nine lines of noise varies
 # by a third, and its extremes over thousands of lines are up to 0.6 decades apart.
 STANDS_OUT = 0.8
-LEAST = 1e-4  # relative to the largest value of a spectrum, below which a peak is noise
+LEAST = 1e-4  # relative to the largest value of a spectrum: smaller peaks count as noise
 MOST_PEAKS = 8
-APART = 0.05  # relative distance below which peaks of several tests are one mode
-ABOUT = 0.15  # relative half width of a peak's band, which ends half-way to its neighbours at most
-SLOWEST = 3.0  # periods in a record, below which a drift of the mean may look like a mode
+APART = 0.05  # Peaks of several tests that are relatively closer than this are one mode.
+# half width of a peak's band relative to its frequency; the band ends half-way to its neighbours at
+# most
+ABOUT = 0.15
+SLOWEST = 3.0  # periods in a record, below which a slow drift may look like a mode
 DIGITS = 5  # digits of a frequency and of a value on the page
 
 Lines = Float[np.ndarray, " line"]
@@ -166,14 +169,14 @@ def _centre(mode: Sequence[tuple[float, float, str]]) -> float:
 
 
 def _band(before: float, centre: float, after: float) -> tuple[float, float]:
-    """Return a band [Hz] around a peak, up to half-way to its neighbours, to three digits."""
+    """Return a band [Hz] around a peak, to three digits, at most half-way to its neighbours."""
     low = max((1 - ABOUT) * centre, 0.5 * (before + centre))
     high = min((1 + ABOUT) * centre, 0.5 * (centre + after))
     return float(f"{low:.3g}"), float(f"{high:.3g}")
 
 
 def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
-    """Return a record's frequencies [Hz], and its powers of response and source there.
+    """Return a record's frequencies [Hz], and the power of response and source at each frequency.
 
     Without a source its power is 1.
     """
@@ -184,7 +187,7 @@ def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
 
 
 def _power(samples: Float[np.ndarray, " time"]) -> Lines:
-    """Return the power spectrum of samples, averaged over neighbouring lines.
+    """Return the power spectrum of samples, averaged over neighbouring spectral lines.
 
     Missing samples are replaced by zero.
     """
@@ -203,7 +206,7 @@ def _of_curves(test: Test) -> ShownSpectrum:
 
 
 def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
-    """Reduce a spectrum for display: keep the largest line of each stretch."""
+    """Reduce a spectrum for display: keep the largest spectral line of each stretch."""
     width = -(-len(spectrum.size) // NUM_SHOWN)
     starts = range(0, len(spectrum.size), width)
     largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]

@@ -14,9 +14,10 @@ from jbw.report.text import NOTHING, axis_label, number
 from jbw.report.words import badge
 from jbw.results.population import StoredCoordinate, StoredInterval, StoredPopulation
 
-HALF_99 = 2.5758  # sds from the median to the ends of a normal 99 % interval
-MOST = 6  # coordinates in one table of units
-ODD = 0.01  # probability, to be divided by the number of units, below which a unit does not belong
+HALF_99 = 2.5758  # standard deviations from the median to either end of a normal 99 % interval
+MOST = 6  # largest number of coordinates in one table of units
+# A unit does not belong if its probability is below this value, divided by the number of units.
+ODD = 0.01
 
 
 def population_figure(
@@ -27,7 +28,7 @@ def population_figure(
     new: np.ndarray,
     ax: Any = None,
 ) -> Panels:
-    """Draw each coordinate of every unit against torque, or in order where there is no trend.
+    """Draw each coordinate of every unit against torque, or in order if there is no trend.
 
     Args:
         record: Record of `population_of`.
@@ -151,7 +152,7 @@ def _slope(key: str, row: StoredCoordinate) -> Cell:
 
 
 def _interval(known: StoredInterval | None, factor: float = 1.0) -> Cell:
-    """Format a median above its interval, so that many columns fit on a page."""
+    """Return a median and, below it, its interval, so that many columns fit on a page."""
     if known is None:
         return Cell(NOTHING)
     low, middle, high = (factor * x for x in (known.q005, known.median, known.q995))

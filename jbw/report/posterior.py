@@ -27,12 +27,13 @@ from jbw.report.text import axis_label
 
 POINTS = 400  # points of a density, and of a running mean
 BINS = 20  # bins of a histogram of ranks
-MOST = 12  # most parameters in a trace figure; the joint's come first, and the table has all
-MOST_DRAWS = 2000  # draws in a scatter plot
+# largest number of parameters in a trace figure; the joint's come first, and the table has all
+MOST = 12
+MOST_DRAWS = 2000  # largest number of draws in a scatter plot
 
 
 class ShownPosterior(NamedTuple):
-    """One posterior of the run: its place in the tree, its label and its line style."""
+    """A posterior of the run: its place in the tree, its label and its line style."""
 
     path: str
     label: str
@@ -55,7 +56,7 @@ JOINT = ShownPosterior("", "Step 4, all parameters", style.GREEN, "-")
 def _sampled(
     tree: xr.DataTree, sources: Iterable[ShownPosterior]
 ) -> dict[ShownPosterior, dict[str, PosteriorParameter]]:
-    """Return the joint's parameters by name, for each source with a posterior in the run."""
+    """Return the sampled parameters of the joint by name, for each posterior of the run."""
     groups = {source: node(tree, f"{source.path}/posterior") for source in sources}
     by_source = {
         source: {parameter.name: parameter for parameter in of_joint(group.to_dataset())}
@@ -72,22 +73,22 @@ def _names(by_source: dict[ShownPosterior, dict[str, PosteriorParameter]]) -> li
 
 
 def third_order_densities(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """What does the third-order kernel say about ζ, α and δ?
+    """What does the third-order kernel show about ζ, α and δ?
 
-    Densities relative to the prior, so that 1 means nothing learnt; bars are 99 % intervals with
-    their medians. Narrow peaks that differ from one sampler to the other are chains that did not
-    move, not knowledge.
+    Posterior densities relative to the prior: a value of 1 means that the data add nothing. Bars
+    are 99 % intervals with their medians. Narrow peaks that differ between samplers come from
+    chains that did not move, not from the data.
     """
     by_source = _sampled(tree, THIRD_ORDER)
     return _densities(by_source, _names(by_source), ax)
 
 
 def opening_density(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
-    """What does the opening of the loop say about γ?
+    """What does the opening of the loop show about γ?
 
-    Density of γ relative to its prior, with the other parameters held at their estimates and with
-    all of them free. The gap between the two is the price of holding parameters that were not known
-    that well.
+    Posterior density of γ relative to its prior, first with the other parameters fixed at their
+    estimates, then with all of them free. The two densities differ because fixed parameters are
+    treated as exactly known, although they are uncertain.
     """
     names = _names(_sampled(tree, OPENING))
     return _densities(_sampled(tree, (*OPENING, JOINT)), names[:1], ax)[0, 0]
@@ -133,17 +134,17 @@ def _density(ax: Axes, posteriors: Sequence[tuple[ShownPosterior, PosteriorParam
 
 
 def _interval(ax: Axes, parameter: PosteriorParameter, colour: str, height: float) -> None:
-    """Draw the 99 % interval and the median of draws as a bar below the densities."""
+    """Draw the 99 % interval of draws as a bar below the densities, with their median."""
     low, middle, high = np.nanquantile(parameter.draws, [0.005, 0.5, 0.995])
     ax.plot([low, high], [height, height], color=colour, lw=3.0, solid_capstyle="butt", alpha=0.7)
     ax.plot(middle, height, "|", color=style.INK, ms=6)
 
 
 def routes(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Do the routes agree with each other?
+    """Do Steps 2 to 4 of the paper and the joint posterior agree?
 
-    Medians and 99 % intervals of every parameter by every route, within the prior box (grey).
-    Vertical lines are the truth, where it is known.
+    Medians and 99 % intervals of every parameter from each procedure, within the prior box (grey).
+    Vertical lines are the true values, if they are known.
     """
     by_source = _sampled(tree, (*THIRD_ORDER, *OPENING, JOINT))
     names = _names(by_source)
@@ -166,10 +167,10 @@ def routes(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Can α and δ be told apart?
+    """Do the data determine α and δ separately?
 
-    Draws of α against δ. Where they lie along the dashed curve, only the product α δ is determined;
-    strong sweeps, fitted with all parameters free, break the tie.
+    Draws of α against δ. If they lie along the dashed curve, only the product α δ is determined.
+    Strong sweeps that are fitted with all parameters free determine both factors.
 
     Panels: Step 3 in the prior box, and the joint posterior enlarged, where the run has them.
     """
@@ -239,10 +240,11 @@ def marginal_density(
 
 
 def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
-    r"""Have the running means settled?
+    r"""Have the running means converged?
 
-    The paper's conv(n), one line a chain. A flat line alone proves little: lines that settle at
-    different heights have not explored the same posterior.
+    The running mean conv(n) of Teloli et al., with one line per chain. A flat line alone proves
+    little: if lines become flat at different heights, the chains have not explored the same
+    posterior.
 
     $$\mathrm{conv}(n) = \frac{1}{n} \sum_{i \le n} \int |H_3^i|^2\, d\omega$$
 
@@ -272,7 +274,7 @@ def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
 def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Did the chains of the main posterior mix?
 
-    Good traces look alike and show no trend; good ranks stay near 1 for every chain.
+    Good traces look alike and show no trend. Good ranks stay near 1 for every chain.
 
     Panels: trace and ranks of every parameter in turn (2 axes per parameter).
     """

@@ -24,7 +24,7 @@ from jbw.report.result import level_text, near_branch, quantiles, unit_of, unwra
 from jbw.report.style import Panels, finish, log_y, panels, plain, shade, title
 from jbw.report.text import axis_label
 
-# Variables that a figure of the report needs, the group that it reads, and the figure.
+# For each figure of the report: the variables that it needs, and the group that it uses.
 FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (
     ({"measured", "error_spectrum"}, "multisine", verification_multisine),
     ({"measured_force", "model_force"}, "loop", verification_loops),
@@ -70,14 +70,14 @@ def _tree(group: str, datasets: dict[str, xr.Dataset]) -> xr.DataTree:
 
 
 def _groups(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
-    """Yield every group of a test with its label and its unit."""
+    """Yield every data group of a test with its label and its unit."""
     for label, group in dataset.groupby("group"):
         unit = {"units": str(group["unit"].values[0])}
         yield str(label), group.assign({n: x.assign_attrs(unit) for n, x in group.items()})
 
 
 def _records(name: str, dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
-    """Yield the records of a test of decays, each without its padding."""
+    """Yield the records of a test of decays, each cut to its valid samples."""
     for i in range(dataset.sizes["record"]):
         record = dataset.isel(record=i).dropna("time", subset=["measured"])
         yield f"{name} {i + 1}", record.assign_attrs(nrmse=float(record["nrmse_of_record"]))

@@ -16,10 +16,11 @@ from jbw.report.result import fitted_text, frequency, level_text, quantiles, tes
 from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, plain, shade, title
 from jbw.report.text import axis_label, percent
 
-# Stretches of a full record whose extremes are drawn, as many as the figure has points across.
+# Number of stretches of a whole record whose extremes are drawn, as many as the figure has points
+# across.
 COLUMNS = 1000
-FEWER = 300  # the same where three panels share the width
-MOST_DECAYS = 6  # most drawn records: first the held-out ones, then the fitted ones
+FEWER = 300  # the same number if three panels share the width
+MOST_DECAYS = 6  # largest number of drawn records: first the held-out ones, then the fitted ones
 PERIODS, WIDE_PERIODS = 6, 8
 SPECTRA = (
     ("measured", INK, "measured"),
@@ -32,7 +33,7 @@ Samples = Float[np.ndarray, " time"]
 def extremes(
     time: Samples, lower: Samples, upper: Samples, count: int | None = COLUMNS
 ) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
-    """Return the extremes of a band in `count` stretches of time, for drawing a long record.
+    """Return the extremes of a band in `count` stretches of time, to draw a long record.
 
     They are the minima of `lower` and the maxima of `upper`; with None nothing is thinned.
     """
@@ -45,7 +46,7 @@ def extremes(
 
 
 def bands_of(test: xr.Dataset) -> Iterator[tuple[str, str, str]]:
-    """Yield variable, colour and label of each of a test's bands, the widest first."""
+    """Yield variable, colour and label of each of a test's bands, widest band first."""
     looks = (
         ("predictive_band", style.PREDICTIVE, band_label(test.attrs, noise=True)),
         ("measured_band", style.REPEATS, labels.REPEATS_BAND),
@@ -63,7 +64,7 @@ def draw_record(
     count: int | None = None,
     measured: str = "_measured",
 ) -> None:
-    """Draw a record and its bands minus a curve, thinned to extremes if requested.
+    """Draw a record and its bands after subtraction of a curve, thinned to extremes on request.
 
     `less` is the subtracted curve; a record is thinned to extremes of `count` stretches.
     """
@@ -99,13 +100,13 @@ def short(name: str, most: int = 16) -> str:
 
 
 def length_of(part: Samples, periods: int) -> int:
-    """Return the number of samples in some periods of a motion, from its zero crossings."""
+    """Return the number of samples in some periods of a motion, estimated from zero crossings."""
     crossings = max(1, np.count_nonzero(np.diff(np.signbit(part))))
     return int(2 * periods * part.size / crossings)
 
 
 def around(measured: Samples, half: int) -> slice:
-    """Return a slice of `half` samples on either side of the largest response."""
+    """Return a slice from `half` samples before the largest response to `half` samples after it."""
     peak = int(np.nanargmax(np.abs(measured)))
     return slice(max(0, peak - half), min(measured.size, peak + half))
 
@@ -119,10 +120,10 @@ def resonance_slice(measured: Samples, periods: int = PERIODS) -> slice:
 def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen") -> Panels:
     """Does the model follow the sweeps, fitted and held out?
 
-    From the left: the whole record, some periods around the largest response, and the same less the
-    model's median, at a scale that shows the bands. The parameter band holds the model's
-    uncertainty, the predictive band adds the noise and is the one that should hold 99 % of the
-    measured points. Each title says whether the test was fitted or held out.
+    From the left: the whole record, some periods around the largest response, and the same periods
+    minus the model's median, at a scale that shows the bands. The parameter band contains the
+    uncertainty of the model. The predictive band also contains the noise, and should contain 99 %
+    of the measured points. Each title states whether the test was fitted or held out.
 
     Panels: one row of three per test (3 axes per test). Of more than three tests the figure shows
     the weakest, the strongest and a held-out one, or with `part` the `rest` or `all` of them.
@@ -159,9 +160,9 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
 def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Does the model follow the free decays, fitted and held out?
 
-    From the left: the whole record in the band of the mode, some late periods, and the residual
-    of the model's median. Of a held-out record the model sees the first part, up to the dashed
-    line, and predicts the rest; an error of frequency builds up towards its end.
+    From the left: the whole record in the band of the mode, some late periods, and the record minus
+    the model's median. For a held-out record, the model uses only the first part, up to the dashed
+    line, and predicts the rest; an error of frequency grows towards the end of the record.
 
     Panels: one row of three per record (3 axes per record), held-out records first, 6 at most.
     """
@@ -194,10 +195,10 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """What is the residual of a multisine?
+    """Is the residual of a multisine as small as its noise?
 
-    Left, the response around its largest swing; right, the amplitudes of the lines of one period,
-    and of the residuals of the model and of the best linear oscillator.
+    Left, the response around its largest amplitude. Right, the amplitudes of the spectral lines of
+    one period, and of the residuals of the model and of the best linear oscillator.
 
     Panels: for each test some periods around the largest response, and the spectra (2 axes per
         test).

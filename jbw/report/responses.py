@@ -49,7 +49,8 @@ from jbw.report.style import (
 )
 from jbw.report.text import axis_label, number
 
-MOST_MARKS = 60  # measured points drawn on a curve, so that the model behind them stays visible
+# largest number of measured points on a curve, so that the model behind them stays visible
+MOST_MARKS = 60
 CURVE_LABELS = ("phase [°]", "off the median [%]")
 Curve = Float[np.ndarray, " freq"]
 Family = list[tuple[str, xr.Dataset]]
@@ -58,7 +59,7 @@ SAMPLERS = {"paper": ("walk as published", VERMILLION), "nuts": ("NUTS", BLUE)}
 
 
 def resonance_window(freq: Curve, magnitude: Curve, depth: float = 0.08) -> tuple[float, float]:
-    """Return the frequencies [Hz] around the peak where the magnitude exceeds `depth` of it."""
+    """Return the frequencies [Hz] around the peak at which the magnitude exceeds `depth` of it."""
     peak = int(np.nanargmax(magnitude))
     above = magnitude > depth * magnitude[peak]
     first = peak - int(np.argmin(above[peak::-1])) if not above[: peak + 1].all() else 0
@@ -67,11 +68,11 @@ def resonance_window(freq: Curve, magnitude: Curve, depth: float = 0.08) -> tupl
 
 
 def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """How does the structure behave with the joint at full stick?
+    """How does the structure respond with the joint fully stuck?
 
-    Frequency response at the lowest level with the line fit of Step 2, and the coherence. The fit
-    should run through the points on both sides of the peak; a coherence below one at the peak tells
-    of leakage or of hysteresis already at work.
+    Frequency response at the lowest level with the fit of spectral lines (Step 2), and the
+    coherence. The fit should run through the points on both sides of the peak. A coherence below
+    one at the peak shows leakage, or hysteresis at this level.
 
     Panels, in reading order: magnitude, phase, coherence, each in full and enlarged (6 axes).
     """
@@ -110,8 +111,8 @@ def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """Does the resonance move with the level?
 
     Measured frequency responses: the mean of all tests of a kind and level, and the range of their
-    repeats. The mark stands at the largest line. A joint that slips pulls the peak to lower
-    frequencies and blunts it as the level rises.
+    repeats. The mark shows the largest spectral line. If the joint slips, the peak moves to lower
+    frequencies and becomes flatter as the level rises.
     """
     frf_tests = tests(tree, "verification/frf", "measured_magnitude")
     families: dict[str, list[xr.Dataset]] = {}
@@ -148,7 +149,7 @@ def _level_and_kind(test: xr.Dataset) -> str:
 
 
 def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 freq"]]:
-    """Return the least, mean and largest frequency response of tests of one kind and level.
+    """Return the least, mean and largest frequency response of tests with one kind and level.
 
     They are stated at the frequencies of the first test [Hz].
     """
@@ -160,16 +161,17 @@ def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 fr
             for repeats in [np.asarray(test["measured_magnitude"].transpose("repeat", ...), float)]
         ]
     )
-    # At frequencies that another test lacks, only the first test counts.
+    # At frequencies that another test lacks, only the first test is used.
     return freq, np.stack([np.nanmin(every, 0), np.nanmean(every, 0), np.nanmax(every, 0)])
 
 
 def verification_frf(tree: xr.DataTree, ax: Any = None, part: Part = "chosen") -> Panels:
     """Does the model follow the frequency response at every level?
 
-    Measured FRFs against the 99 % parameter band of the model, each draw simulated under the
-    measured input and passed through the same estimator; the lowest row is how far the magnitude
-    lies from the model's median. Each title says whether the test was fitted or held out.
+    Measured FRFs and the 99 % parameter band of the model. Each draw is simulated under the
+    measured input, and its FRF is estimated in the same way. The lowest row shows how far the
+    magnitude lies from the model's median. Each title states whether the test was fitted or held
+    out.
 
     Panels: magnitude, phase and that distance for each test (3 axes per test, row by row). Of more
     than three tests the figure shows the weakest, the strongest and a held-out one, or with `part`
@@ -216,10 +218,10 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
 def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Does the model follow the response curves from level to level?
 
-    Measured harmonics, filled circles where fitted and open triangles where held out, with the
-    model's 99 % bands, its median a line, dashed where held out. Where runs shift, the bands of
-    held-out tests hold the scatter of runs, which the legend then says. Below, how far the
-    measured curve lies from the median, over the curve's peak.
+    Measured harmonics: filled circles for fitted tests and open triangles for held-out tests. The
+    model has 99 % bands and its median as a line, which is dashed for held-out tests. If runs
+    differ, the bands of held-out tests contain the variation between runs, as the legend states.
+    Below, the distance of the measured curve from the median, relative to the peak of the curve.
 
     Panels: one column per measured quantity and harmonic (3 axes per column, row by row).
     """
@@ -248,7 +250,7 @@ def draw_curves(column: Panels, suffix: str, family: Family, palette: Mapping[st
 def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Does the model predict tests of kinds that were added to jbw?
 
-    Means of the repeats over the coordinate of such a test, with the model's 99 % bands.
+    Means over the repeats of such a test, against its coordinate, with the model's 99 % bands.
 
     Panels: one per test.
     """
@@ -296,7 +298,7 @@ def level_palette(tests: Family) -> dict[str, str]:
 
 
 def level_colours(count: int) -> list[str]:
-    """Return distinct colours for few levels, and a ramp from dark to light for many."""
+    """Return distinct colours for few levels, or shades from dark to light for many."""
     if count <= len(LEVELS):
         return list(LEVELS[:count])
     return [to_hex(colormaps["viridis"](x)) for x in np.linspace(0.25, 0.85, count)]
@@ -327,11 +329,11 @@ def _curve(column: Panels, test: xr.Dataset, suffix: str, colour: str) -> None:
 
 
 def stabilisation_diagram(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Which modes does the band hold?
+    """Which modes does the band contain?
 
-    Poles of fractions of rising order, those that the order before has too filled; below it the
-    measured frequency response with the fit of the modes. A mode is a column of filled points that
-    goes up to the top; what noise makes moves from order to order.
+    Above, poles of rational functions of rising order; a pole is filled if the previous order has
+    it too. Below, the measured frequency response with the fit of the modes. A mode is a column of
+    filled points that reaches the top. Poles that noise causes move from order to order.
 
     Panels: the diagram, and the magnitude (2 axes).
     """
@@ -360,11 +362,11 @@ def stabilisation_diagram(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def harmonic_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Does a tone come back with a third harmonic?
+    """Does the response to a tone contain a third harmonic?
 
-    Left, the response spectrum to one probing tone, ω and 3ω circled; the third harmonic has to
-    stand clear of the floor. Right, the third-order kernel from every repeat: the scatter of the
-    points is what the likelihood of Step 3 sees.
+    Left, the spectrum of the response to one probing tone, with circles at ω and 3ω; the third
+    harmonic must exceed the noise. Right, the third-order kernel from every repeat. The likelihood
+    of Step 3 takes the scatter of these points as noise.
 
     Panels: amplitude spectrum, magnitude of H3, phase of H3 (3 axes).
     """
@@ -410,9 +412,10 @@ def _measured_kernel(pair: Panels, kernel: xr.Dataset, label: str) -> None:
 def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Does the model reproduce the measured kernel?
 
-    Measured H₃ of every repeat beside the 99 % parameter bands of each sampler; below, both against
-    a sampler's median, where small differences show. The bands carry the parameters' uncertainty
-    only, no noise: single repeats scatter beyond them, but their middle should not lie outside.
+    Above, measured H₃ of every repeat, and the 99 % parameter bands of each sampler. Below, both
+    relative to the median of one sampler, which shows small differences. The bands contain only the
+    uncertainty of the parameters and no noise. Single repeats may therefore lie outside, but their
+    mean should lie inside.
 
     Panels: magnitude and phase; below, both relative to the median of NUTS (4 axes). The bands are
     drawn side by side at the probing frequencies only, since nothing was measured between them.
@@ -442,7 +445,7 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def relative_to_median(kernel: xr.Dataset, name: str) -> xr.Dataset:
-    """Return kernel magnitudes relative to a sampler's median, and phases minus its median."""
+    """Return kernel magnitudes divided by a sampler's median, and phases minus that median."""
     middle = kernel.isel(quantile=1, drop=True)
     magnitude, phase = middle[f"{name}_magnitude"], middle[f"{name}_phase"]
     relative = {}

@@ -20,16 +20,16 @@ from jbw.results.run import RunSummary
 from jbw.run.integrity import MARK, SEAL, damaged, unsealed
 from jbw.run.netcdf import read_tree
 
-TURN = 360.0  # degrees
+TURN = 360.0  # one full turn [degrees]
 BACKBONE = "verification/backbone"
 FREE_LAW = "free_law"
 # Names of groups that contain draws, anywhere in the tree.
 DRAWN = ("posterior", "as_recorded", "runs")
-HELD_OUT = "held out"  # in no fit
+HELD_OUT = "held out"  # value of an attribute: the test is in no fit
 
 
 class PosteriorParameter(NamedTuple):
-    """The draws of a parameter or array element, with its prior box and the rig's truth."""
+    """The draws of one parameter or array element, its prior bounds, and the rig's true value."""
 
     name: str
     symbol: str
@@ -58,11 +58,12 @@ def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
         if tree.attrs.pop(MARK, None) is not None and not has_hashes:
             raise damaged(folder / "summary.json")
     except DataError as error:
-        # The run was killed after its posterior replaced that of a first answer.
+        # The run was killed when its posterior had replaced that of a first answer, but its summary
+        # had not.
         if _is_unfinished(folder):
             raise _completed_by_resume(folder, error.what) from None
         raise
-    # The error is one of this process: the result may be undamaged.
+    # The error lies in this process: the result may be undamaged.
     except (ImportError, MemoryError):
         raise
     except Exception as cause:  # For damaged files JSON and HDF5 may raise any exception.
@@ -75,7 +76,7 @@ def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
 
 
 def _typed(folder: Path, record: Mapping[str, Any]) -> RunSummary:
-    """Return the content of `summary.json` in types; raise an error that names its version."""
+    """Return the content of `summary.json` as typed objects; an error names its version."""
     try:
         return RunSummary.read(record)
     except ValidationError as cause:
@@ -96,7 +97,7 @@ def of_another_version(folder: Path, versions: Mapping[str, str], what: str) -> 
 
 
 def require_finite(tree: xr.DataTree, path: Path) -> None:
-    """Raise an error if a draw in a result is not finite.
+    """Raise an error if a posterior draw of a result is not finite.
 
     Raises:
         DataError: A variable of a posterior, or of the runs' parameters, has such draws.
@@ -165,7 +166,7 @@ def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Data
 
 
 def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Dataset]]:
-    """Return the group, name and bands of each predicted test that has an attribute."""
+    """Return the group, name and bands of each predicted test that has the given attribute."""
     verification = node(tree, "verification")
     return [
         (group, name, test.to_dataset())
@@ -205,7 +206,7 @@ def parameters(group: xr.Dataset) -> list[PosteriorParameter]:
         rest = [dim for dim in values.dims if dim not in ("chain", "draw")]
         for index, place in enumerate(np.ndindex(*(values.sizes[dim] for dim in rest))):
             single = values.isel(dict(zip(rest, place, strict=True)))
-            # These are the coordinates of the element, as in [0.05]; a scalar has none.
+            # A text such as [0.05] states the coordinates of the element; a scalar has none.
             marks = [
                 single[d].item() if d in single.coords else at
                 for d, at in zip(rest, place, strict=True)
@@ -244,7 +245,7 @@ def of_joint(group: xr.Dataset) -> list[PosteriorParameter]:
 
 
 def of_law(joint: Iterable[PosteriorParameter]) -> list[PosteriorParameter]:
-    """Return those parameters of the joint that belong to its laws."""
+    """Return the joint's parameters that belong to its laws."""
     return [parameter for parameter in joint if parameter.name not in BY_NAME]
 
 
@@ -265,12 +266,12 @@ def frequency(test: xr.Dataset) -> Float[np.ndarray, " freq"]:
 
 
 def unit_of(values: xr.DataArray) -> str:
-    """Return the unit of a variable, as jbw writes it now."""
+    """Return the unit of a variable in the present spelling of jbw."""
     return in_dialect(str(values.attrs.get("units", "")))
 
 
 def quantiles(group: xr.Dataset, name: str) -> Float[np.ndarray, "quantile ..."]:
-    """Return a variable's band: lower end, median and upper end along the first axis."""
+    """Return lower end, median and upper end of a variable's band, along the first axis."""
     return np.asarray(group[name].transpose("quantile", ...), float)
 
 

@@ -15,7 +15,7 @@ from jbw.report.words import Badge
 
 @dataclass(frozen=True)
 class Sheet:
-    """The content of a page without its figures, from top to bottom."""
+    """The content of a page without its figures, in order from top to bottom."""
 
     title: str
     subtitle: str  # one line below the title
@@ -27,7 +27,7 @@ class Sheet:
 
 
 class Folded(NamedTuple):
-    """An additional figure, folded away below the tables."""
+    """An additional figure that the page shows only after a click, below the tables."""
 
     title: str
     caption: str

@@ -12,8 +12,9 @@ from jbw.report.style import Panels, finish, panels, shade, stacks, title
 from jbw.report.text import number, symbol
 from jbw.results.studies import StoredSamplers
 
-ERRORS = 2.0  # standard errors shown on either side by a bar
-NEAR = 0.3  # standard deviations drawn to scale; larger distances are compressed
+ERRORS = 2.0  # half length of a bar, in standard errors
+# distance up to which the axis is linear [standard deviations]; larger distances are compressed
+NEAR = 0.3
 ROW = 0.24  # height of one sampler's line [in]
 STATUS = {"ok": style.GREEN, "failed": style.VERMILLION}
 
@@ -29,7 +30,7 @@ def comparison(record: StoredSamplers, ax: Any = None) -> Panels:
 
 
 def means(record: StoredSamplers, parameter: str, ax: Axes | None = None) -> Axes:
-    """Plot one parameter's mean by sampler with Monte Carlo errors, relative to the reference.
+    """Plot one parameter's mean for each sampler with Monte Carlo errors, over the reference's.
 
     Bars show +- 2 Monte Carlo errors, in standard deviations of the reference.
     """
@@ -57,7 +58,7 @@ def means(record: StoredSamplers, parameter: str, ax: Axes | None = None) -> Axe
 
 
 def effective_rates(record: StoredSamplers, ax: Axes | None = None) -> Axes:
-    """Draw effective draws per second of every sampler, compiled and from a cold start."""
+    """Draw effective draws per second of every sampler, with and without compilation time."""
     here = _one_line_each(record, ax)
     for shift, kind, colour, label in (
         (-0.18, "warm", style.BLUE, "compiled before"),
@@ -82,7 +83,7 @@ def effective_rates(record: StoredSamplers, ax: Axes | None = None) -> Axes:
 
 
 def _one_line_each(record: StoredSamplers, ax: Axes | None) -> Axes:
-    """Return axes with one line per sampler, the first sampler on top."""
+    """Return axes with one horizontal line per sampler, the first sampler on top."""
     names = [name.replace("_", " ") for name in record.samplers]
     here: Axes = panels(ax, 1, 1, height=0.55 + ROW * len(names))[0, 0]
     here.set_yticks(range(len(names)), names)
@@ -105,7 +106,7 @@ def _scaled(ax: Axes) -> None:
 
 
 def rank_ecdfs(calibration: Calibration, ax: Any = None) -> Panels:
-    """Draw every quantity's rank ECDF minus i / (L + 1), in the 99 % envelope of uniform ranks."""
+    """Draw the ECDF of every quantity's ranks minus i / (L + 1), with the 99 % envelope."""
     # A slope shows a bias; an S-shape a posterior that is too narrow or too wide.
     axes, stack = stacks(ax, len(calibration.names), 1, height=1.9, sharex=True, sharey=True)
     lower, upper = ecdf_envelope(len(calibration.ranks), calibration.num_ranks, LEVEL)

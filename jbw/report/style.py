@@ -28,8 +28,8 @@ Panels = np.ndarray
 WIDTH = 7.2
 """Width of a figure [in]: two columns of a paper, one column of the page."""
 
-NARROW = 4.0  # ratio of the ends of an ordinate below which it is linear
-LETTERS = 120  # letters in a line of the legend, where a handle counts as seven
+NARROW = 4.0  # An ordinate is linear if the ratio of its ends is below this value.
+LETTERS = 120  # letters in a line of the legend, where the symbol of an entry counts as seven
 
 RC: Any = {
     "font.size": 9,
@@ -77,7 +77,7 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
 def stacks(
     ax: Any, count: int, rows: int, *, height: float, **layout: Any
 ) -> tuple[Panels, list[Panels]]:
-    """Return all axes of a figure, and one stack of `rows` panels for each of `count` tests.
+    """Return the axes of a figure with `count` tests, and one stack of `rows` panels for each test.
 
     `height` is that of one line of stacks [in].
     """
@@ -121,7 +121,7 @@ def finish(axes: Panels, ax: Any, below: str = "", ylabels: str | Sequence[str] 
 
 
 def _columns(names: Sequence[str]) -> int:
-    """Return the number of legend columns that fit the figure, each as wide as its longest name."""
+    """Return the number of columns of a legend that fits the figure."""
     for count in range(len(names), 1, -1):
         columns = np.array_split(np.array([len(name) + 7 for name in names]), count)
         if sum(column.max() for column in columns) <= LETTERS:
@@ -135,7 +135,7 @@ def title(ax: Axes, text: str, size: float = 9.0) -> None:
 
 
 def log_y(ax: Axes) -> None:
-    """Make an ordinate logarithmic, with labels at 1, 2 and 5 where it spans few decades.
+    """Make an ordinate logarithmic, with labels at 1, 2 and 5 if it spans few decades.
 
     What is drawn so far stays linear if it spans less than a factor of four: labels of powers would
     differ in the second digit alone.

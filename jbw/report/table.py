@@ -8,16 +8,16 @@ from jbw.errors import printable
 from jbw.report.text import NOTHING, Names, number, percent, symbol, typed
 
 Row = Mapping[str, Any]
-WHOLE = 12  # letters of a cell that a narrow terminal does not fold
+WHOLE = 12  # length of a cell's text up to which a narrow terminal does not wrap it
 MARKS = {"good": "green", "doubt": "yellow", "bad": "bold red", "flag": "bold"}
 
 
 class Cell(NamedTuple):
     """The content of one cell of a table."""
 
-    text: str  # the text on the page
-    mark: str = ""  # good, doubt, bad or flag; empty for nothing special
-    typed: str = ""  # the text in the terminal, where it differs in more than its letters
+    text: str  # text on the page
+    mark: str = ""  # kind of mark: good, doubt, bad or flag; empty for no mark
+    typed: str = ""  # text in the terminal, if it differs in more than its letters
 
 
 @dataclass(frozen=True)
@@ -25,21 +25,21 @@ class Column:
     """One column of a table: heading, content for a row, and meaning."""
 
     heading: str  # with the unit, if any
-    show: Callable[[Any], str | Cell]  # the row's text or cell
-    meaning: str = ""  # what the numbers are, for the note below the page's table
+    show: Callable[[Any], str | Cell]  # function that returns the text or cell of a row
+    meaning: str = ""  # meaning of the numbers, for the note below the table on the page
     align: str = "right"  # right, left, unit, or wrap for long text, and left wrap
-    # On a narrow screen, the order in which columns are dropped; 0 is never dropped.
+    # Rank of the column on a narrow screen: high ranks are dropped first, 0 never.
     spared: int = 0
-    only: str = ""  # "page" or "terminal" for a column that is not on both
+    only: str = ""  # "page" or "terminal" for a column that only one of them shows
 
     def cell(self, row: Any) -> Cell:
-        """Return the cell that the column shows for a row of the table."""
+        """Return the cell of a table's row in this column."""
         shown = self.show(row)
         return shown if isinstance(shown, Cell) else Cell(shown)
 
 
 class Section(NamedTuple):
-    """Rows that belong together, with a name, a status `badge` and on the page a `remark`."""
+    """Rows that belong together: a name, a status `badge` and, on the page, a `remark`."""
 
     rows: Sequence[Any]
     name: str = ""
@@ -50,7 +50,7 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Columns and sections of rows, with a note on all; `of` names a section's kind, as `step`."""
+    """Columns and sections of rows, with a note on all; `of` names the kind of the sections."""
 
     title: str
     columns: tuple[Column, ...]
@@ -86,7 +86,7 @@ def table(title: str, rows: Iterable[Any], *columns: Column, note: str = "") -> 
 
 
 def named(heading: str, names: Names) -> Column:
-    """Return a column of parameter names, as symbols on the page and as typed in the terminal."""
+    """Return a column of parameter names: symbols on the page, typed names in the terminal."""
 
     def name(row: Any) -> Cell:
         called = field(row, "name")
@@ -101,12 +101,12 @@ def words(heading: str, key: str, align: str = "left") -> Column:
 
 
 def by_sd(heading: str, key: str, **more: Any) -> Column:
-    """Return a column of numbers, rounded by their row's standard deviation."""
+    """Return a column of numbers, each rounded by the standard deviation in its row."""
     return Column(heading, lambda row: number(field(row, key), field(row, "sd")), **more)
 
 
 def digits(heading: str, key: str, count: int = 3, place: float = 0, **more: Any) -> Column:
-    """Return a column of numbers with `count` digits each, or all to one decimal place."""
+    """Return a column of numbers with `count` digits each, or all with one decimal place."""
     return Column(heading, lambda row: number(field(row, key), place, count), **more)
 
 
@@ -120,7 +120,7 @@ def shares(heading: str, key: str, missing: str = NOTHING, **more: Any) -> Colum
 
 
 def field(row: Any, key: str) -> Any:
-    """Return the attribute or entry of a row; None where it has none."""
+    """Return an attribute or entry of a row by name; None if the row has none."""
     return row.get(key) if isinstance(row, Mapping) else getattr(row, key, None)
 
 
@@ -143,12 +143,12 @@ def print_table(screen: Any, shown: Table) -> None:
 
 
 def most_spared(shown: Table) -> int:
-    """Return the largest rank at which a table's columns are dropped on a narrow screen."""
+    """Return the largest rank of a column that may be dropped on a narrow screen."""
     return max(column.spared for column in shown.columns)
 
 
 def typed_cell(cell: Cell) -> str:
-    """Return a cell's text for a terminal without control characters, as names come from files."""
+    """Return a cell's text without control characters, because names come from files."""
     return printable(cell.typed or typed(cell.text))
 
 
@@ -179,10 +179,10 @@ def _rich(shown: Table, spared: int, *, is_tight: bool = False) -> Any:
     for section in shown.sections:
         for place, row in enumerate(section.rows):
             cells = [column.cell(row) for column in columns]
-            if shown.of:  # Name and badge of a section are shown in its first row.
+            if shown.of:  # The name and badge of a section are shown in its first row.
                 name, badge = (section.name, section.badge) if place == 0 else ("", Cell(""))
                 cells = [Cell(name), *cells, badge]
-            # Text objects are not interpreted as markup.
+            # Rich does not interpret Text objects as markup.
             rich_table.add_row(
                 *(Text(typed_cell(cell), MARKS.get(cell.mark, "")) for cell in cells)
             )

@@ -44,14 +44,17 @@ from jbw.report.text import (
 from jbw.report.words import badge
 from jbw.results.run import RunSummary, StoredParameter, StoredStep, StoredTest
 
-ROUTE = ("third_order_", "opening_")  # steps 3 and 4 of the paper, with any sampler
+# prefixes of the groups of Steps 3 and 4 of the paper, with any sampler
+ROUTE = ("third_order_", "opening_")
 GOOD_R_HAT, FAR = 1.01, 2.576
-SHARES = ("energy_share_at_motion", "loss_share", "softening_share")  # of a joint in a mode
-IN_UNIT = ("map", "mean", "sd", "q005", "q995", "truth")  # numbers in the unit of their row
+# variables of a joint's share in a mode
+SHARES = ("energy_share_at_motion", "loss_share", "softening_share")
+# columns of numbers in the unit of their row
+IN_UNIT = ("map", "mean", "sd", "q005", "q995", "truth")
 
 
 def main_first(summary: RunSummary) -> list[tuple[str, StoredStep]]:
-    """Return the steps of a run, the main one first, with which the others are compared."""
+    """Return the steps of a run with the main step first, with which the others are compared."""
     return sorted(summary.steps.items(), key=lambda step: step[0] != summary.main)
 
 
@@ -61,7 +64,7 @@ def step_heading(name: str, summary: RunSummary) -> str:
 
 
 def of_route(name: str, summary: RunSummary) -> bool:
-    """Return whether a step belongs to the paper's own route, which is expected to fail."""
+    """Return whether a step is Step 3 or 4 of the paper, which is expected to fail."""
     return name.startswith(ROUTE) and name != summary.main
 
 
@@ -133,7 +136,7 @@ def _z(row: StoredParameter) -> Cell:
 
 
 def correlation_words(step: StoredStep, quantities: Names, strong: float = 0.9) -> list[str]:
-    """Return the strong correlations between the parameters of a step, as texts."""
+    """Return texts on the strong correlations between parameters of a step."""
     pairs = {
         frozenset((first, second)): value
         for first, row in step.correlation.items()
@@ -184,7 +187,7 @@ def table_of_tests(summary: RunSummary, tree: xr.DataTree | None = None) -> Tabl
 
 
 def every_test(summary: RunSummary, tree: xr.DataTree | None = None) -> list[StoredTest]:
-    """Return every test in the summary, with its prediction error where there is one.
+    """Return every test in the summary, with its prediction error if there is one.
 
     Summaries of earlier versions list no tests; the tests with readings or predictions then count.
     """
@@ -200,7 +203,7 @@ def every_test(summary: RunSummary, tree: xr.DataTree | None = None) -> list[Sto
 
 
 def tests_of_records(rows: Sequence[StoredTest]) -> dict[str, StoredTest]:
-    """Return the test of each record that has a separate row, such as a free decay."""
+    """Return the name of the test for each record with a separate row, such as a free decay."""
     kind_of = attrgetter("kind")
     return {
         row.test: test
@@ -212,7 +215,7 @@ def tests_of_records(rows: Sequence[StoredTest]) -> dict[str, StoredTest]:
 
 
 def with_records(rows: Sequence[StoredTest]) -> list[StoredTest]:
-    """Replace each test's row by the rows of its records, where each record has a row."""
+    """Return the rows of tests, where a test with rows of its records is replaced by these rows."""
     tests = tests_of_records(rows)
     replaced = {test.test for test in tests.values()}
     of_test = {
@@ -236,7 +239,7 @@ def _tests_counted(rows: Sequence[StoredTest]) -> str:
 
 
 def inside(row: StoredTest) -> str:
-    """Return the text on a test's coverage by the predictive band, with the number of values."""
+    """Return the text on the share of a test's values inside the predictive band."""
     if row.coverage is None:
         return notes.WITHHELD if row.withheld else ""
     count = row.num_values
@@ -249,7 +252,7 @@ def level_of(row: StoredTest) -> str:
 
 
 def _fitted(row: StoredTest) -> str:
-    """Return a note on a test: partly fitted repeats, or its distance beyond the fitted tests.
+    """Return the note on a test: how many repeats were fitted, or how far it lies beyond the fit.
 
     For a kind of test it names the parameters that only tests of this kind identify.
     """
@@ -265,7 +268,7 @@ def _fitted(row: StoredTest) -> str:
 
 
 def routes_table(summary: RunSummary, quantities: Names) -> Table:
-    """Return a table that compares the paper's route with the joint posterior, by parameter."""
+    """Return a table of parameters: Steps 2 to 4 of the paper compared with the joint posterior."""
     return table(
         notes.ROUTES,
         summary.comparison.parameters.values(),
@@ -297,7 +300,7 @@ def loops_table(tree: xr.DataTree) -> Table:
 
 
 def _areas(measured: np.ndarray, model: np.ndarray) -> tuple[str, str, str, str]:
-    """Return texts of a measured area, the model's median and interval, and whether bands meet."""
+    """Return texts on a measured area, the model's area, and whether their bands meet."""
     sd = (model[2] - model[0]) / BAND_SDS
     low, middle, high = (number(end, sd) for end in measured)
     own = f"{middle} ({low} to {high})" if measured[0] < measured[2] else middle
@@ -342,7 +345,7 @@ def _share(ends: np.ndarray) -> str:
 
 
 def checks_table(tree: xr.DataTree, quantities: Names) -> Table:
-    """Return a table of checks on the records: coherence, spread of repeats, the source."""
+    """Return a table of checks on the records: coherence, variation of repeats, the source."""
     rows: list[tuple[str, str, str]] = []
     with suppress(DataError):
         line = branch(tree, "steps/linear", "coherence", "h_magnitude")

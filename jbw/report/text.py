@@ -29,7 +29,7 @@ def quantity(name: str, names: Names | None = None) -> Quantity:
         return noise._replace(
             name=name, symbol=name.replace("noise_std_", f"{noise.symbol}, ", 1), unit=""
         )
-    # The tables of all laws load JAX, and are needed only where a run does not state the quantity.
+    # The tables of all laws load JAX, and are only needed if a run does not state the quantity.
     from jbw.oscillator.laws import vocabulary
 
     return vocabulary().get(name) or Quantity(name, name, "", "")
@@ -52,7 +52,7 @@ def unit_text(unit: str) -> str:
     if unit == "1":
         return ""
     unit = in_dialect(unit)
-    # After a number, the 1 of such a fraction would be read as part of it.
+    # After a number, the 1 of such a fraction would be taken for a digit of it.
     if unit.startswith("1/"):
         powers = re.findall(r"([A-Za-z]+)(?:\^(\d+))?", unit)
         unit = " ".join(f"{name}^-{power or 1}" for name, power in powers)
@@ -60,12 +60,12 @@ def unit_text(unit: str) -> str:
 
 
 def raised(text: str) -> str:
-    """Return a text with its whole exponents raised: m^2 as m²."""
+    """Return a text with its integer exponents as superscripts: m^2 as m²."""
     return re.sub(r"\^(-?\d+)(?![\d.])", lambda match: match[1].translate(_RAISED), text)
 
 
 def typed(text: str) -> str:
-    """Return a printed number in typed form: 3.2×10⁻⁶ as 3.2e-06, −1 as -1."""
+    """Return a printed number as it is typed on a keyboard: 3.2×10⁻⁶ as 3.2e-06, −1 as -1."""
     text = re.sub(
         r"×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda match: f"e{int(match[1].translate(_LEVEL)):+03d}", text
     )
@@ -78,7 +78,7 @@ def axis_label(what: str, unit: str) -> str:
 
 
 def about(level: float | None) -> float:
-    """Return a level rounded to two digits, so that repeats of one level agree."""
+    """Return a level rounded to two digits, so that repeats of one level have equal values."""
     return float(f"{level or 0.0:.2g}")
 
 
@@ -113,7 +113,7 @@ def spread_text(draws: Any, unit: str) -> str:
 
 
 class ShownAs(NamedTuple):
-    """The displayed form of a parameter: factor, unit and suffix of its symbol.
+    """How a parameter is displayed: factor of its values, unit, and suffix of its symbol.
 
     Values are multiplied by `factor`, and the symbol gets the `suffix`.
     """
@@ -135,7 +135,7 @@ def shown_as(name: str, unit: str) -> ShownAs:
 
 
 def length_unit(largest: float) -> tuple[float, str]:
-    """Return the factor and the unit in which a length [m] exceeds one."""
+    """Return the unit in which a length [m] exceeds one, and its factor."""
     return next((prefix for prefix in PREFIXES if largest * prefix[0] >= 1.0), PREFIXES[-1])
 
 

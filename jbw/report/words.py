@@ -12,15 +12,15 @@ from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, s
 from jbw.results.run import RunSummary, StoredParameter, StoredVerdict
 
 KINDS = {"ok": "good", "failed": "bad"}
-# Names in sentences that belong to no parameter.
+# Names in sentences that are not names of parameters.
 SPELLED = {
     **{f"lambda_{n}": f"λ{digit}" for n, digit in enumerate("₀₁₂₃")},
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
 }
 UNCOUNTED = "noise_std"
-TRUNCATED = "at_bound"  # finding on a parameter whose interval ends at a bound
+TRUNCATED = "at_bound"  # finding on a parameter whose interval ends at a prior bound
 LINEAR_NAMES = frozenset(quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS))
-# Laws whose displayed name is not their own name.
+# Laws whose displayed name differs from their own name.
 LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
 
 
@@ -32,12 +32,12 @@ class Badge(NamedTuple):
 
 
 def badge(status: str) -> Badge:
-    """Return the badge of a status; an empty status was not judged."""
+    """Return the badge of a status; an empty status means that nothing was judged."""
     return Badge(status or "not judged", KINDS.get(status, "doubt"))
 
 
 def findings(verdict: StoredVerdict, quantities: Names) -> list[dict[str, Any]]:
-    """Return a verdict's findings, worst first; findings with the same remedy are grouped."""
+    """Return the texts of a verdict's findings, worst first, grouped by equal remedies."""
     groups: dict[tuple[str, ...], dict[str, Any]] = {}
     for finding in verdict.findings:
         status, action = finding.status, finding.action
@@ -58,7 +58,7 @@ def findings(verdict: StoredVerdict, quantities: Names) -> list[dict[str, Any]]:
 
 
 def in_symbols(text: str, quantities: Names) -> str:
-    """Return a sentence with parameters as symbols, products as dots and exponents raised.
+    """Return a sentence with symbols of parameters, dots for products, and superscript exponents.
 
     Text in backticks is meant to be typed and stays unchanged.
     """
@@ -66,7 +66,7 @@ def in_symbols(text: str, quantities: Names) -> str:
         parts = text.split("`")
         shown = [part if i % 2 else in_symbols(part, quantities) for i, part in enumerate(parts)]
         return "`".join(shown)
-    # Some names always mean the quantity, as alpha; others are also words, as `share` and `cubic`.
+    # Some names always mean the quantity, as alpha; others, as `share` and `cubic`, are also words.
     spelled = {
         name: quantity.symbol
         for name, quantity in quantities.items()
@@ -102,7 +102,7 @@ def combination(text: str, quantities: Names) -> str:
 
 
 def unseen_hysteresis(verdict: StoredVerdict) -> str | None:
-    """Return the reason why a run shows no hysteresis, or None."""
+    """Return the reason why a run does not show hysteresis, or None if it does."""
     reasons = (finding.reason for finding in verdict.against if finding.code == "no_hysteresis")
     return next(reasons, None)
 
@@ -130,12 +130,12 @@ def grades(summary: RunSummary) -> dict[str, int]:
 
 
 def is_of_prior(row: StoredParameter) -> bool:
-    """Return whether the prior alone determines a parameter: the data add almost nothing."""
+    """Return whether only the prior determines a parameter: the data add almost nothing."""
     return row.kl is not None and row.kl < LEARNT
 
 
 def identified_words(summary: RunSummary, quantities: Names) -> list[str]:
-    """Return sentences on parameters by grade: known (5 %), roughly (30 %), or prior only."""
+    """Return sentences on parameters by grade: known (5 %), roughly (30 %), only by the prior."""
     groups: dict[int, list[str]] = {}
     for name, grade in grades(summary).items():
         size = summary.parameters[name].variation
@@ -149,13 +149,13 @@ def identified_words(summary: RunSummary, quantities: Names) -> list[str]:
 
 
 def _law_words(law: str) -> str:
-    """Return the displayed name of one law, a family without its number, with its joints."""
+    """Return the displayed name of one law (a family without its number) with its joints."""
     plain, joints = split(law)
     called = LAWS.get(plain) or LAWS.get(plain.rstrip("0123456789_")) or plain.replace("_", " ")
     return f"{called} at {', '.join(joints)}" if joints else called
 
 
 def law_words(laws: Sequence[str]) -> str:
-    """Return the combined displayed name of a joint's laws; without laws it is linear."""
+    """Return the displayed name of all laws of a joint; without laws it is linear."""
     called = [_law_words(law) for law in laws]
     return " and ".join(called) or "a linear structure"
