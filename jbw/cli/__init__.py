@@ -24,8 +24,8 @@ from jbw.report.messages import commands as messages
 
 INTERRUPTED = 5
 
-# Headings of `jbw --help` and of `jbw more`, with the module of each command's function. The help
-# line of a command is known without importing the module.
+# Headings of `jbw --help` and of `jbw more`, and the module of each command. The help line of a
+# command is printed without importing its module.
 FIRST = {
     "Begin": {"init": "check", "check": "check", "look": "look"},
     "Identify": {"identify": "identify", "report": "result", "predict": "predict"},
@@ -49,13 +49,13 @@ MORE = {
 COMMANDS = {
     name: file for group in (*FIRST.values(), *MORE.values()) for name, file in group.items()
 } | {"more": "about"}
-# Error numbers of a system for a place that is full or cannot be written.
+# Error numbers of operating systems for a disk or folder that is full or cannot be written.
 UNWRITABLE = tuple(
     getattr(errno, name)
     for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM")
     if hasattr(errno, name)  # not defined on every system
 )
-EXHAUSTED = "RESOURCE_EXHAUSTED"  # word in errors of XLA, which have their own class
+EXHAUSTED = "RESOURCE_EXHAUSTED"  # word in XLA's errors on memory, which have a class of their own
 OF_CAMPAIGNS = ("identify", "look", "identifiability", "compare", "laws", "predict")
 OF_RUNS = ("report", "predict", "export", "compare", "plan", "resume")
 
@@ -68,7 +68,7 @@ class LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command, imported when it is requested."""
+        """Return the command, and import its module if necessary."""
         if cmd_name not in COMMANDS:
             return None
         return getattr(import_module(f"jbw.cli.{COMMANDS[cmd_name]}"), cmd_name)
@@ -76,7 +76,7 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the command in the arguments; fail with the nearest name if it is misspelt."""
+        """Return the named command; fail with the most similar name if it is misspelt."""
         if args[0] not in COMMANDS and not args[0].startswith("-"):
             nearest = get_close_matches(args[0], COMMANDS, n=1)
             ctx.fail(messages.no_command(args[0], nearest[0] if nearest else ""))
@@ -90,7 +90,7 @@ class LazyGroup(click.Group):
 
 
 def write_commands(formatter: click.HelpFormatter, groups: Mapping[str, Iterable[str]]) -> None:
-    """Write a heading per group of commands and a line per command."""
+    """Write groups of commands: a heading, and one help line per command."""
     widest = max(len(name) for names in groups.values() for name in names)
     for heading, names in groups.items():
         with formatter.section(heading):
@@ -106,7 +106,7 @@ def cli() -> None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run a command from the console and exit with its code, never with a bare traceback."""
     for stream in (sys.stdout, sys.stderr):
-        # A pipe may not be able to encode the letters of a file's name.
+        # A pipe may not be able to encode the characters of a file's name.
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     sys.exit(run(arguments))
@@ -128,10 +128,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except JbwError as error:
         _tell(error, sys.argv[1:] if arguments is None else arguments)
         return error.exit_code
-    except BrokenPipeError:  # the reader of stdout stopped, as `head` does
+    except BrokenPipeError:  # The reader of stdout stopped reading, as `head` does.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # a disk or a folder failed, wherever something was written
+    except OSError as error:  # a disk or folder failed, wherever a file was written
         if error.errno not in UNWRITABLE or os.environ.get("JBW_TRACEBACK"):
             return _internal(error)
         place = f"{error.filename}" if error.filename else "A file"
@@ -141,7 +141,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         )
         _tell(unwritten, sys.argv[1:] if arguments is None else arguments)
         return unwritten.exit_code
-    except Exception as error:  # any other exception is a fault of jbw
+    except Exception as error:  # any other exception is an error of jbw itself
         if not (isinstance(error, MemoryError) or EXHAUSTED in str(error)):
             return _internal(error)
         _tell(exhausted := out_of_memory(error), sys.argv[1:] if arguments is None else arguments)
@@ -159,10 +159,10 @@ def _internal(error: Exception) -> int:
 
 
 def _tell(error: JbwError, arguments: Sequence[str]) -> None:
-    """Print an error for people on stderr, and as JSON on stdout if `--json` was given."""
+    """Print an error on stderr, and as JSON on stdout if `--json` was given."""
     following = next_command(arguments, str(error))
     if following and isinstance(error, RunError):
-        # The place is at fault, not the input, so the same command works once there is room.
+        # The disk is at fault, not the input: the same command works once there is room.
         following = f"jbw {shlex.join(arguments)}, after the change"
     click.echo(f"Error: {error}", err=True)
     if following:
@@ -174,7 +174,7 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
 
 
 def next_command(arguments: Sequence[str], message: str) -> str | None:
-    """Return the command to run next after an error; None if its message names a command."""
+    """Return the command to type after an error; None if the message already names a command."""
     if "jbw " in message or not arguments:
         return None
     command, rest = arguments[0], arguments[1:]

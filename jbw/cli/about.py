@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 def parameters() -> dict[str, str]:
-    """Return for every parameter, of any law, its meaning, symbol, unit and laws as text."""
+    """Return the meaning, symbol, unit and laws of every parameter of all laws, as text."""
     from jbw.oscillator.laws import LAWS, vocabulary  # loads JAX
     from jbw.quantities import BY_NAME
 
@@ -53,7 +53,7 @@ def explained(name: str) -> str | None:
 
 
 def at_joint(name: str) -> str | None:
-    """Return the meaning of a parameter of one of several joints, such as alpha@bolt_1, or None."""
+    """Return the meaning of a parameter of one of several joints, as alpha@bolt_1; else None."""
     from jbw.quantities import AT, motion_factors_in
 
     parameter, _, joint = name.partition(AT)
@@ -133,7 +133,7 @@ def schema(file: str) -> None:
 @click.command()
 @click.argument("shell", type=click.Choice(["bash", "zsh", "fish"]))
 def completion(shell: str) -> None:
-    """Print the script by which SHELL completes the commands and options of jbw.
+    """Print the script that completes the commands and options of jbw in SHELL.
 
     For bash, put `eval "$(jbw completion bash)"` into ~/.bashrc; for zsh, the same with zsh into
     ~/.zshrc; for fish, write the output to ~/.config/fish/completions/jbw.fish.

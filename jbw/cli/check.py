@@ -14,7 +14,7 @@ from jbw.report.messages import commands, tables
 from jbw.report.messages.stages import drawing_records
 from jbw.report.table import Cell, Column, Table, table
 
-if TYPE_CHECKING:  # loading SciPy takes a second, which the help of a command avoids
+if TYPE_CHECKING:  # SciPy takes a second to load, which the help of a command avoids
     from jbw.campaign.check import Check, Row
     from jbw.campaign.draft import Draft
     from jbw.campaign.joints import JointsCheck
@@ -57,7 +57,7 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
 
 
 def require_unwritten(folder: Path, print_: bool) -> None:
-    """Raise the error for an existing campaign file before asking any questions."""
+    """Raise an error, before any question is asked, if the campaign file exists."""
     from jbw.campaign.draft import already_written
     from jbw.campaign.written import NAMED
 
@@ -66,7 +66,7 @@ def require_unwritten(folder: Path, print_: bool) -> None:
 
 
 def asked_about(folder: Path) -> "Draft":
-    """Return the draft of a folder with the user's answers, and the lines that are still doubtful.
+    """Return the draft of a folder with the user's answers, and the lines that remain doubtful.
 
     Questions go to stderr, so that the output of --print and --json is unchanged.
     """
@@ -182,7 +182,7 @@ def _lines(checked: "Check") -> Iterator[Table | str]:
 
 
 def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
-    """Yield the table of modes with energy shares of joints, that of B, and the model's notes."""
+    """Yield the table of modes with joints' energy shares, the table of matrix B, and the notes."""
     separability = joints.separability
     rows = list(enumerate(joints.frequencies_hz))
     columns = [
@@ -213,7 +213,7 @@ def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
 
 
 def finding_lines(rows: "Sequence[Row]") -> Iterator[str]:
-    """Yield a line per finding with all its tests; equal reasons and remedies are given once."""
+    """Yield one line per finding with all its tests; equal reasons and remedies are merged."""
     by_remedy: dict[tuple[str, str, str], dict[tuple[str, str], list[str]]] = {}
     for row in rows:
         for finding in row.findings:

@@ -41,7 +41,7 @@ class DrawingProcess:
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
-            with suppress(OSError):  # data that is not sent yet is not needed
+            with suppress(OSError):  # data that has not been sent yet is not needed
                 if pipe is not None:
                     pipe.close()
 
@@ -61,10 +61,10 @@ class DrawingProcess:
         return True
 
     def drawn(self) -> Mapping[str, Any]:
-        """Return the texts of every figure that the process has drawn, by figure name."""
+        """Return the pictures and texts of each figure that the process has drawn, by name."""
         if self._process is None or self._process.stdout is None:
             return {}
         try:
             return json.loads(self._process.stdout.readline())
-        except ValueError:  # the process failed, and its answer is empty or incomplete
+        except ValueError:  # the process failed: its answer is empty or incomplete
             return {}

@@ -58,7 +58,7 @@ Say = Callable[[str], None]
 def identifiability(
     campaign: Path, profiles: bool, seed: int | None, json_: bool, allow_outside: bool
 ) -> None:
-    """State which parameters the data of the campaign file CAMPAIGN determine.
+    """Show which parameters the data of the campaign file CAMPAIGN determine.
 
     The joint is fitted by least squares, without drawing from the posterior. The result gives the
     combinations of parameters that the data determine better than the prior, how well each
@@ -275,7 +275,7 @@ def run_to_end(
     run: Run, *, json_: bool = False, verbose: bool = False, steps: bool = False,
     strict: bool = False, brief: bool = False,
 ) -> int:  # fmt: skip
-    """Execute a run to its end; if interrupted, print how to continue it.
+    """Run an identification to its end; if it is interrupted, print how to continue it.
 
     `steps` also prints the parameters of every step: the paper's Table 1. `brief` writes brief.pdf
     into the run's folder, which is also written if the folder already has one.
@@ -306,7 +306,8 @@ def run_to_end(
         raise
     finally:
         run.close()
-    brief = brief or (run.folder / "brief.pdf").exists()  # a brief of an earlier answer is updated
+    # the brief of an earlier answer is updated
+    brief = brief or (run.folder / "brief.pdf").exists()
     pages = f"\nBrief: {save_brief(run.folder)}" if brief else ""
     shown = _all_of(summary) if verbose else short_lines(summary, tree)
     if steps and not verbose:
@@ -323,7 +324,7 @@ def run_to_end(
 
 
 def ended(verdict: "StoredVerdict", folder: Path, *, strict: bool = False) -> int:
-    """Print the command to type after a run with this verdict; return the exit code, 0 or 4."""
+    """Print the command to type after a run with this verdict; return exit code 0 or 4."""
     quoted = shlex.quote(str(folder))
     code = exit_code_of(verdict.status, strict=strict)
     if code == 0:
@@ -335,13 +336,13 @@ def ended(verdict: "StoredVerdict", folder: Path, *, strict: bool = False) -> in
 
 
 def _all_of(summary: "RunSummary") -> Iterator[Table | Text | str]:
-    """Yield all tables and sentences on a run (the verbose output)."""
+    """Yield all tables and sentences on a run, for verbose output."""
     yield from summary_lines(summary)
     yield from verdict_lines(summary.verdict)
 
 
 def short_lines(summary: "RunSummary", tree: Any) -> Iterator[Text | str]:
-    """Yield the law, the verdict, the determined parameters, and the five sentences on a run."""
+    """Yield the law, verdict, determined parameters and the five opening sentences of a run."""
     from jbw.report.opening import known_parameters, opening, split_sentence
     from jbw.report.result import laws_of
     from jbw.report.words import law_words
@@ -357,7 +358,7 @@ def short_lines(summary: "RunSummary", tree: Any) -> Iterator[Text | str]:
 
 
 def summary_lines(summary: "RunSummary") -> Iterator[Table | str]:
-    """Yield the paper's Table 1, the statements and the prediction errors of a run."""
+    """Yield Table 1 of Teloli et al., the statements and the prediction errors of a run."""
     from jbw.report.tables import parameters_table, table_of_tests
 
     yield parameters_table(summary, {})

@@ -24,12 +24,12 @@ Found = dict[str, "xr.Dataset"]
 
 
 class Quantities(click.ParamType):
-    """A list of numbers separated by commas, each with or without a unit, as (value, unit)."""
+    """Option type: numbers separated by commas, each with or without a unit, as (value, unit)."""
 
     name = "value"
 
     def convert(self, value: Any, *of: Any) -> list[tuple[float, str]]:
-        """Return the numbers and units of an option's text."""
+        """Return the numbers and units that the text of an option contains."""
         if not isinstance(value, str):
             return value
         found = []
@@ -42,7 +42,7 @@ class Quantities(click.ParamType):
 
 
 def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
-    """Return a value converted to a unit; a value without a unit is in that unit already."""
+    """Return a value converted to a unit; a value without a unit is in this unit already."""
     from jbw.units import measured, plain
 
     value, stated = quantity
@@ -58,7 +58,7 @@ def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
 
 
 def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
-    """Return levels of planned tests as numbers; raise an error if one states a unit."""
+    """Return the levels of planned tests as numbers; raise an error if a level has a unit."""
     values = [quantity for some in quantities for quantity in some]
     for _, unit in values:
         if unit:
@@ -67,7 +67,7 @@ def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
 
 
 def require_alike(options: Mapping[str, Any], *, loads: bool, campaign: Path | None) -> None:
-    """Raise an error for tests together with other loads, and for a moving base without a load."""
+    """Raise an error for tests together with other loads, or for --base without a load."""
     tests = any(options[name] for name in ("names", "sweep", "stepped", "tone")) or campaign
     if loads and tests:
         raise click.UsageError(messages.LOADS_OR_TESTS)

@@ -63,7 +63,7 @@ def look(
         checked = check_campaign(campaign, allow_outside=allow_outside)
         loaded, doubts = load_with_doubts(campaign, allow_outside=allow_outside)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # unsuccessful readings are listed as unread
+            warnings.simplefilter("ignore")  # records that cannot be evaluated are listed as unread
             readings = look_at(loaded, report=say)
         if figure is not None:
             import xarray
@@ -87,12 +87,12 @@ def look(
     # Faults of the records change the numbers below, so they are printed first.
     doubted = finding_lines(checked.rows)
     answer(json_, record, *doubted, *tables, *found.statements, *found.seen, saved=saved)
-    # If no record could be read, a fit would say no more than a check.
+    # If no record could be evaluated, a fit would show no more than a check.
     following("identify" if found.tests or found.loops else "check", campaign)
 
 
 def tests_table(found: "StoredLook") -> Table:
-    """Return the table of readings with one row per test, in order of the motion's amplitude."""
+    """Return the table of frequency and damping, one row per test, in order of the motion."""
     factor, unit = length_unit(max((row.y for row in found.tests), default=1.0))
     return table(
         without_model(found.campaign),

@@ -36,7 +36,7 @@ figures_option = click.option(
 
 
 class CampaignPath(click.Path):
-    """A campaign file or its folder, checked for existence before anything heavy is loaded."""
+    """Option type: a campaign file or its folder, which must exist; nothing heavy is loaded."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return the path of the campaign file; raise a ConfigError if it cannot be read."""
@@ -87,7 +87,7 @@ def one_campaign(given: Sequence[Path]) -> Path:
 
 
 def figure_option(what: str, example: str) -> Option:
-    """Return the option `--figure FILE` for a picture, whose suffix determines its format."""
+    """Return the option `--figure FILE` for a figure, whose suffix determines its format."""
 
     def picture(_: Any, __: Any, path: Path | None) -> Path | None:
         if path is not None and path.suffix not in PICTURES:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from jbw.report.table import Table
     from jbw.results.population import StoredPopulation
 
-NUM_PLACES = 25  # number of torques in the band of the figure
+NUM_PLACES = 25  # number of torques at which the band of the figure is computed
 
 
 @click.command()
@@ -102,7 +102,7 @@ def _drawn(
     bands: tuple[np.ndarray, np.ndarray],
     shown: "Table",
 ) -> tuple[str, "Panels"]:
-    """Return the HTML page with the units side by side, and its figure."""
+    """Return the HTML page of a population, and its figure of all units."""
     from jbw.report.population import population_figure, population_sheet
     from jbw.report.sheet import render_sheet
 
@@ -118,7 +118,7 @@ def _write(
     tree: "xr.DataTree",
     draw: Callable[[], tuple[str, "Panels"]],
 ) -> None:
-    """Write the numbers of a population, then the page and the figure that `draw` returns."""
+    """Write the numbers of a population, then the page and figure that `draw` returns."""
     from jbw.run.netcdf import write_tree
     from jbw.study.store import save_outputs, write_figure, write_json
 
@@ -139,7 +139,7 @@ def _write(
 def _bands(
     pooling: "Population", torque: float | None, new: Callable[[float | None], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return torques (or the ends of the row of units if no trend is known) and new units there."""
+    """Return torques, or the positions of the units if no trend is known, and new units there."""
     torques = np.array(pooling.result.torque, float)
     if "torque" not in pooling.design.columns:
         return np.array([0.5, len(torques) + 0.5]), np.stack([new(None)] * 2, axis=1)

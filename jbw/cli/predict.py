@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 class FromTo(click.ParamType):
-    """A pair of frequencies with a colon between them."""
+    """Option type: a pair of frequencies with a colon between them."""
 
     name = "from:to"
 
     def convert(self, value: Any, *of: Any) -> tuple[float, float]:
-        """Convert an option's text `first:last` to two frequencies [Hz]."""
+        """Return the two frequencies [Hz] of an option's text `first:last`."""
         try:
             first, last = map(float, value.split(":"))
         except ValueError:
@@ -132,7 +132,8 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         basis = basis_in(folder)
         if loads:
             return predict_loads(folder, basis, basis_inputs(folder), options, say)
-        # Planned tests are in the run's own unit, whatever the campaign states about its gain.
+        # Planned tests are in the unit of the run's source, whatever the campaign states about its
+        # gain.
         request = predicting.Request(options["draws"], not options["without_noise"])
         requests = [(test, request) for test in _planned(basis, options)]
         inputs = basis_inputs(folder)
@@ -185,7 +186,7 @@ def basis_inputs(folder: Path) -> dict[str, str]:
 
 
 def basis_in(folder: Path) -> "Basis":
-    """Return the basis of predictions in a folder: a run, a comparison of laws, or a population."""
+    """Return the basis of predictions in a folder: a run, compared laws, or a population."""
     from jbw.law_comparison.stack import basis_of_laws, holds_laws
     from jbw.population.folder import basis_of_population, holds_population
     from jbw.study.study import basis_of_run

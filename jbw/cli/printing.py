@@ -16,8 +16,8 @@ from jbw.report.table import MARKS, Table, print_table
 if TYPE_CHECKING:
     from jbw.results.run import StoredVerdict  # loads pydantic
 
-PIPE_WIDTH = 160  # columns if stdout is no terminal and so has no width
-NOT_TRUSTED = 4  # exit code of a run whose verdict is not trusted
+PIPE_WIDTH = 160  # number of columns if stdout is no terminal, and so has no width
+NOT_TRUSTED = 4  # exit code of a run whose verdict is neither ok nor usable
 MINUTE, HOUR = 60, 3600
 STATUS = {"ok": MARKS["good"], "failed": MARKS["bad"]}
 
@@ -29,11 +29,11 @@ def console() -> Console:
 
 
 def show(*shown: Table | Text | str) -> None:
-    """Print tables and sentences on stdout; tables without rows are left out."""
+    """Print tables and sentences on stdout; tables without rows are omitted."""
     screen = console()
     for content in shown:
         if not isinstance(content, Table):
-            # Names come from files, so print them as text without markup or control characters.
+            # Names come from files; they are printed as text, without markup or control characters.
             text = Text(printable(content)) if isinstance(content, str) else content
             screen.print(text, soft_wrap=not screen.is_terminal)
         elif content.rows:
@@ -41,7 +41,7 @@ def show(*shown: Table | Text | str) -> None:
 
 
 def answer(json_: bool, record: Any, *shown: Table | Text | str, saved: str = "") -> None:
-    """Print a record as JSON, or else its tables and sentences and where it was saved."""
+    """Print a record as JSON; otherwise print its tables and sentences, and where it was saved."""
     if json_:
         show_json(record)
         return
@@ -51,7 +51,7 @@ def answer(json_: bool, record: Any, *shown: Table | Text | str, saved: str = ""
 
 
 def following(command: str, target: Any = None, also: str = "") -> None:
-    """Print on stderr the next command for the user, with an optional addition."""
+    """Print on stderr the command to type next, with an optional addition."""
     named = "" if target is None else f" {shlex.quote(str(target))}"
     click.echo(f"Next: jbw {command}{named}{also}", err=True)
 
@@ -62,7 +62,7 @@ def show_json(record: Any) -> None:
 
 
 def plain_values(value: Any) -> Any:
-    """Return plain values with None for each number that is not finite."""
+    """Return nested values in which each number that is not finite is replaced by None."""
     if isinstance(value, Mapping):
         return {key: plain_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -30,10 +30,10 @@ from jbw.run.session import prepare_process as prepare_process
 if TYPE_CHECKING:
     from jbw.study.store import Job
 
-RESULT_ONLY = ("out", "json_")  # options that do not change any number
+RESULT_ONLY = ("out", "json_")  # options that have no effect on the results
 LOOK_S = 1.0  # shortest time between two updates of the chains on a terminal [s]
 PLAIN_S = 10.0  # time between two lines on the chains, without a terminal [s]
-# If nothing was printed for this time (and one BEAT_S), the current stage is printed [s].
+# The current stage is printed [s] if nothing was printed for this time plus one BEAT_S.
 SILENT_S = 4.0
 BEAT_S = 0.5  # time between two checks for silence [s]
 STARTING = "Loading numerical libraries"
@@ -43,35 +43,36 @@ STEPS = {
 }  # fmt: skip
 WAYS = {"amis": "weighed points", "ridge": "along the ridge,", "valley": "along the valley,",
         "wide": "wider prior bounds,"}  # fmt: skip
-ESS = 400.0  # effective draws that a verdict requires, as in jbw.inference.posterior.verdict
-FEWEST = 8  # smallest number of draws of a chain from which their effective number is estimated
+# number of effective draws that a verdict requires, as in jbw.inference.posterior.verdict
+ESS = 400.0
+FEWEST = 8  # smallest number of draws of a chain from which its effective number is estimated
 
 
 class Teller:
-    """A printer of progress on a console: stages (called with a sentence) and running chains."""
+    """A printer of progress on a console: the stages of a command, and its running chains."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._rewrites = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
-        self._chains: Table | None = None  # part of the live lines
-        self._lock = threading.RLock()  # the heart beat runs in a separate thread
+        self._chains: Table | None = None  # the table of chains in the live lines
+        self._lock = threading.RLock()  # needed because `beat` runs in a separate thread
         self._started = perf_counter()
         self._told = self._started
         self._said: set[str] = set()
         self._stage, self._since, self._within = "", self._started, ""
 
     def __call__(self, stage: str) -> None:
-        """Print one sentence, with the seconds since the start, as the stage that begins now."""
+        """Print the name of a stage that begins now, with the seconds since the start."""
         self._stage, self._since, self._within = stage, perf_counter(), ""
         self.remark(stage)
 
     def within(self, what: str) -> None:
-        """Note the current activity within the stage, which is printed if it takes long."""
+        """Set the current activity within the stage, which is printed if it takes long."""
         self._within = what
 
     def remark(self, sentence: str) -> None:
-        """Print one sentence without changing the current stage."""
+        """Print a sentence without changing the current stage."""
         with self._lock:
             self.clear()
             self._told = perf_counter()
@@ -95,14 +96,14 @@ class Teller:
                 self._print(line)
 
     def _print(self, line: Text) -> None:
-        """Print one line per message to files and pipes; fold long lines on a terminal."""
+        """Print one line per message to files and pipes; wrap long lines on a terminal."""
         self._console.print(line, soft_wrap=not self._rewrites)
 
     def _line(self, sentence: str) -> Text:
         return Text(f"[{perf_counter() - self._started:5.1f} s] {sentence}")
 
     def _show(self, lines: RenderableType) -> None:
-        """Replace the live lines by new ones."""
+        """Replace the lines that are updated on the terminal."""
         if self._live is None:
             self._live = Live(
                 console=self._console, auto_refresh=False, transient=True, redirect_stdout=False
@@ -111,7 +112,7 @@ class Teller:
         self._live.update(lines, refresh=True)
 
     def chains(self, name: str, so_far: Any) -> None:
-        """Print the progress of a posterior's chains, no more often than is readable.
+        """Print the progress of a posterior's chains, at intervals that can be read.
 
         `so_far` is the state of the chains, a `jbw.inference.samplers.chunked_run.SoFar`.
         """
@@ -132,7 +133,7 @@ class Teller:
                 self._show(self._chains)
 
     def clear(self) -> None:
-        """Remove the live lines from the terminal."""
+        """Remove the updated lines from the terminal."""
         with self._lock:
             if self._live is not None:
                 self._live.stop()
@@ -140,20 +141,20 @@ class Teller:
 
 
 class _Within(logging.Handler):
-    """A log handler that passes messages of the logger `jbw.progress` to a teller."""
+    """A log handler that shows messages of the logger `jbw.progress` as current activity."""
 
     def __init__(self, say: Teller) -> None:
         super().__init__(logging.INFO)
         self._say = say
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Note a log message as the current activity."""
+        """Show a log message as the current activity."""
         self._say.within(record.getMessage())
 
 
 @contextmanager
 def telling(first: str = "") -> Iterator[Teller]:
-    """Yield a teller that prints on stderr, breaks long silences and shows warnings.
+    """Yield a printer of progress on stderr that interrupts long silences and shows warnings.
 
     `first` is printed at once, before anything is imported.
     """
@@ -177,7 +178,7 @@ def telling(first: str = "") -> Iterator[Teller]:
     under_way.propagate = False
     under_way.addHandler(heard)
     with warnings.catch_warnings():
-        warnings.showwarning = show  # restored with the filters
+        warnings.showwarning = show  # restored together with the filters
         beating.start()
         try:
             yield say
@@ -191,7 +192,7 @@ def telling(first: str = "") -> Iterator[Teller]:
 
 @contextmanager
 def computing() -> Iterator[Teller]:
-    """Yield a teller after setting up JAX; modules that need JAX are imported within it."""
+    """Set up JAX and yield a printer of progress; import modules that need JAX within it."""
     with telling(STARTING) as say:
         if (limit := address_space()) < RESERVED:
             say.remark(stages.little_address_space(limit / 2**30, RESERVED / 2**30))
@@ -201,7 +202,7 @@ def computing() -> Iterator[Teller]:
 
 @contextmanager
 def working(say: Teller, folder: Path) -> "Iterator[Job]":
-    """Yield the claimed output folder of the running command; its parts are kept if interrupted."""
+    """Yield the output folder of the running command; its parts are kept if interrupted."""
     from jbw.study.store import claimed
 
     context = click.get_current_context()
@@ -216,7 +217,7 @@ def working(say: Teller, folder: Path) -> "Iterator[Job]":
 
 
 def called(name: str) -> str:
-    """Return the readable name of a running posterior from the name of its stored draws."""
+    """Return the displayed name of a running posterior, given the name of its stored draws."""
     base, _, round_number = name.rpartition("_") if name[-1:].isdigit() else (name, "", "0")
     step = next((prefix for prefix in STEPS if f"{base}_".startswith(prefix)), base)
     how = f"{base}_".removeprefix(step).strip("_").replace("_", " ")
@@ -229,7 +230,7 @@ def called(name: str) -> str:
 
 
 def chain_table(name: str, so_far: Any) -> Table:
-    """Return one line per chain: steps, draws, effective draws so far, divergences, time left."""
+    """Return one line per chain: steps, draws, effective draws, divergences, remaining time."""
     table = Table.grid(padding=(0, 2))
     table.title, table.title_justify = called(name), "left"
     sizes = effective(so_far.draws)
@@ -250,10 +251,10 @@ def chain_table(name: str, so_far: Any) -> Table:
 
 
 def chain_sentence(name: str, so_far: Any) -> str:
-    """Return one line for all chains: steps, effective draws, divergences and time left."""
+    """Return one line for all chains: steps, effective draws, divergences, remaining time."""
     sizes = effective(so_far.draws)
     if so_far.in_rounds and sizes is not None:
-        # Groups of points are independent of each other, so that their effective draws add up.
+        # Groups of points are independent of each other; their effective draws therefore add up.
         worth = stages.effective(sum(sizes), ESS)
         return f"{called(name)}: round {so_far.done} of {so_far.total} at most, {worth}"
     parts = [f"{called(name)}: {so_far.done} of {so_far.total} steps"]
@@ -269,7 +270,7 @@ def chain_sentence(name: str, so_far: Any) -> str:
 
 
 def effective(draws: dict[str, np.ndarray]) -> list[float] | None:
-    """Return the effective number of draws of each chain for the worst parameter, or None."""
+    """Return each chain's effective draws of its worst parameter; None with too few draws."""
     from jbw.inference.posterior.summary import diagnose
 
     if not draws or next(iter(draws.values())).shape[1] < FEWEST:

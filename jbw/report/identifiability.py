@@ -43,7 +43,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
     quantities = [str(name) for kind in kinds for name in group[kind].values]
     axes = panels(ax, 1, 2, height=1.3 + 0.3 * max(group.sizes["direction"], len(quantities)))
     directions, right = axes[0]
-    # Bars are ordered with the strongest direction on top.
+    # Bars are ordered with the best determined combination on top.
     ratio = np.maximum(np.asarray(group["direction_ratio"], float), LEAST)
     texts = [plain(combination(str(text), names)) for text in group["direction_text"].values]
     start = 0.5 * ratio.min()
@@ -51,7 +51,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
         np.arange(len(ratio)), ratio - start, 0.6, left=start, color=style.BLUE, alpha=0.8
     )
     title(directions, captions.DIRECTIONS)
-    # Parameters and combinations are shown from the fit, and from the draws where there are any.
+    # The values are those of the fit, and those of the draws if there are draws.
     rows = np.arange(len(quantities))
     before = np.maximum(_column(group, "ratio"), LEAST)
     look = {"ms": 6, "mfc": "none", "color": style.BLUE, "label": captions.BEFORE_SAMPLING}
@@ -71,7 +71,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _in_lines(text: str, most: int = 22) -> str:
-    """Wrap a combination after its signs, or a list after its names, where a line is full.
+    """Wrap a combination after its signs, or a list after its names, to the width of a line.
 
     A long list is shortened to its first names and the number of the others.
     """
