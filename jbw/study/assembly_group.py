@@ -17,8 +17,9 @@ from jbw.report.messages import study as messages
 
 GROUP = "assembly"
 SI = "SI"
-SAME_PLACE = 1e-9  # Nodes closer than this part of the structure's largest extent coincide.
-MOST_LINKS = 12  # links per node; a matrix with more links is not that of a mesh
+# Nodes closer than this fraction of the structure's largest extent have the same position.
+SAME_PLACE = 1e-9
+MOST_LINKS = 12  # links per node; a matrix with more links per node does not come from a mesh
 
 
 class ModelJoint(NamedTuple):
@@ -120,7 +121,7 @@ def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
 def _with_coincident(
     moved: Float[np.ndarray, "mode node 3"], position: Float[np.ndarray, "node 3"]
 ) -> Float[np.ndarray, "mode node 3"]:
-    """Return mode shapes with each node that only rotates moved like a node at its position."""
+    """Return mode shapes in which each node that only rotates moves like a node at its position."""
     is_still, near = np.all(moved == 0, axis=(0, 2)), SAME_PLACE * np.ptp(position, axis=0).max()
     filled = moved.copy()
     for node in np.flatnonzero(is_still):

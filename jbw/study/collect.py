@@ -50,12 +50,13 @@ from jbw.verification.places import safe
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_attrs, basis_of, decay_attrs
 from jbw.verification.verify import Groups, verify
 
-TIED_KEY = 300  # added to the seed, for the evidence that several joints share one law
+# added to the seed for the computation of the evidence that several joints share one law
+TIED_KEY = 300
 SPECTRUM = 4.2  # highest frequency of the displayed spectrum, as a multiple of the tone's frequency
-NUM_PRIOR = 500  # number of draws from the prior
+NUM_PRIOR = 500  # number of draws from the prior that are stored
 NUM_PREDICTED = 100  # prior draws that are propagated through the model
 SAMPLES = ("chain", "draw")
-# Prior predictions get this noise: nothing can be drawn from 1/sigma, which is improper.
+# Prior predictions get this noise, because nothing can be drawn from the improper prior 1/sigma.
 SILENCE = 1e-12
 KEY = 200  # added to the seed, so that random numbers of other purposes do not change
 RESPONSE = {
@@ -89,7 +90,7 @@ def collect(
     if sweeps is not None:
         groups |= attempts.make(stages.ENERGY, lambda: _conv_of_velocity(steps, sweeps), {})
     basis = basis_of(xr.DataTree.from_dict(groups))
-    # The predictions of single records say nothing about a linear structure.
+    # For a linear structure, predictions of single records carry no information on a joint.
     has_records = not posteriors.checks.sees_no_joint and measured_parts(joint.fitted.data)
     with in_background(lambda: arviz_groups(joint, seed) if has_records else {}) as by_record:
         groups |= attempts.make(
@@ -111,7 +112,7 @@ def collect(
 
 
 def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str, float]) -> Groups:
-    """Return the result groups of Step 2 and of each posterior, the joint posterior at the root."""
+    """Return the result groups of Step 2 and of each posterior; the joint posterior is the root."""
     joint = posteriors.joint
     facts = joint.tree.attrs | run_attrs(measured.tests, joint, posteriors.free.data)
     groups: Groups = {"/": xr.Dataset(attrs=facts)}
@@ -193,7 +194,7 @@ def _kernel_groups(
 
 
 def _kernel_verification(fitted: KernelFit, posteriors: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Return the third-order kernel of every repeat with the bands of both samplers of Step 3."""
+    """Return the measured third-order kernel of every repeat, with bands from Step 3's samplers."""
     data, omega = fitted.data, np.asarray(fitted.data.omega)
     shown = [k for k in fitted.kernels if np.any(np.isclose(k.omega, omega))]
     repeats = min(len(k.h3) for k in shown)
@@ -234,7 +235,7 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 
 
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
-    """Return the running mean of the simulated velocity's energy over Step 4's draws of gamma."""
+    """Return the running mean over Step 4's draws of the simulated velocity's energy."""
     test = sweeps.fitted[-1]
     whole = replace(test, records=test.records[:1], settle=0.0, band_hz=None)
     data = Records.of([whole], laws=DEFAULT_LAWS, substeps=SUBSTEPS)

@@ -57,7 +57,7 @@ class Comparisons(NamedTuple):
 def compare(
     order: Order, prepared: PreparedTests, posteriors: Posteriors, report: Report
 ) -> Comparisons:
-    """Check a posterior against its fit, all tests, the modes outside the band and other methods.
+    """Compare a posterior with its fit, with all tests and with other methods.
 
     The posterior has been drawn: an analysis that fails is left out and reported.
     """
@@ -84,7 +84,7 @@ def compare(
 
 
 def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source: str) -> str | None:
-    """Return a sentence on the constant with which modes outside the band respond, or None.
+    """Return the sentence on the response of modes outside the band, a constant; else None.
 
     `source` is the unit of the quantity that drives the tests.
     """

@@ -62,12 +62,12 @@ NUM_DRAWS = 1000  # number of draws of each run, which make a million pairs
 NUM_CARRIED = 200  # number of draws of each run for which the backbone is computed
 # amplitudes of comparison, relative to the largest displacement that both runs fitted
 GRID = np.linspace(0.05, 1.0, 20)
-# Indices into GRID: 10 %, 25 %, 50 %, 75 % and 100 % of its largest displacement.
+# Indices into GRID: 10 %, 25 %, 50 %, 75 % and 100 % of the largest common displacement.
 TOLD = (1, 4, 9, 14, 19)
 SURE = 0.995  # one-sided probability at which 0 is outside the 99 % interval of the difference
 INPUT = "gain"  # parameter of the source, not of the joint
 BY_CHANCE = 0.01  # probability of reporting a changed joint when no joint has changed
-APART = 1.1  # If natural frequencies have a larger ratio, two runs concern different modes.
+APART = 1.1  # If two natural frequencies differ by a larger factor, they belong to different modes.
 
 Draws = Mapping[str, Float[np.ndarray, " draw"]]
 
@@ -198,7 +198,7 @@ def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
 
 
 def _std_between(run: FinishedRun) -> dict[str, float]:
-    r"""Return the relative standard error of each mean from record variation, $\tau / \sqrt n$."""
+    r"""Return each mean's relative standard error from varying records, $\tau / \sqrt n$."""
     if "between_records" not in run.tree.children:
         return {}
     between = run.tree["between_records"].to_dataset()
@@ -280,7 +280,7 @@ def _statements(
 
 
 def _homes(run: FinishedRun) -> dict[str, str]:
-    """Return the joint and mode whose motion the parameters of each law refer to, by law.
+    """Return, for each law, the joint and mode whose motion the law's parameters refer to.
 
     The laws are stated in metres of the motion with the largest energy share. The dictionary is
     empty where the mode shapes of the model are certain.
@@ -324,7 +324,7 @@ def _scatter_words(runs: Sequence[FinishedRun]) -> str:
 
 
 def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[ComparedJoint]:
-    """Return which joints have changed between two runs: one row of a chi-square test per joint.
+    """Test by chi-square which joints have changed between two runs; return one row per joint.
 
     Args:
         first: Draws of the first run's parameters, by parameter name.
@@ -354,7 +354,7 @@ def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[Com
 
 
 def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float, int]:
-    """Return the squared Mahalanobis distance between two runs' means, with degrees of freedom."""
+    """Return the squared Mahalanobis distance of two runs' means, and its degrees of freedom."""
     varying = [
         name
         for name in names
@@ -386,20 +386,20 @@ def joint_statements(rows: Sequence[ComparedJoint]) -> list[str]:
 
 
 class Ratio(NamedTuple):
-    """The ratio of a law's second product of parameters to its first, with the first product."""
+    """The ratio of two products of a law's parameters, with the name of the first product."""
 
     ratio: Monomial
     first: Monomial
 
 
 def ratios(laws: Sequence[str]) -> list[Ratio]:
-    """Return the ratio of products for each law that has two products of parameters."""
+    """Return the ratio of the two products of each law that has two products of parameters."""
     pairs = [law.products for law in laws_named(tuple(laws)) if len(law.products) == 2]
     return [Ratio(_over(second, first), first) for first, second in pairs]
 
 
 def _over(second: Monomial, first: Monomial) -> Monomial:
-    """Return the quotient of two products of parameters, named after those that do not cancel."""
+    """Return the quotient of two products, named after the parameters that do not cancel."""
     names = dict.fromkeys((*second.powers, *first.powers))
     powers = {name: second.powers.get(name, 0) - first.powers.get(name, 0) for name in names}
     powers = {name: power for name, power in powers.items() if power}
@@ -414,7 +414,7 @@ def _over(second: Monomial, first: Monomial) -> Monomial:
 
 
 def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
-    """Return the draws of a law's ratio of products; None if the divisor may be zero.
+    """Return draws of a ratio of two products of a law's parameters; None if the divisor may be 0.
 
     The result is also None if a parameter is missing.
     """
@@ -431,5 +431,5 @@ def are_two_modes(first: Draws, second: Draws) -> bool:
 
 
 def _shared_joint_sentence(row: ComparedQuantity, *, sure: bool) -> str:
-    """Return the sentence on whether two modes may share one joint, from the row of a ratio."""
+    """Return the sentence on whether two modes may share one joint, from a ratio of products."""
     return messages.one_joint(row.name, interval(*row.a), interval(*row.b), sure=sure)

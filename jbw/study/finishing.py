@@ -71,7 +71,7 @@ def finished_study(
 def measured_groups(
     order: Order, prepared: PreparedTests, tree: xr.DataTree, wide: xr.Dataset | None
 ) -> dict[str, xr.Dataset]:
-    """Return a result's groups: posteriors with instrument errors, measured frequency and damping.
+    """Return a result's groups: posteriors with instrument errors, and measured curves of records.
 
     `wide` is the main posterior with the stated instrument errors; None where none are stated.
     """
@@ -126,7 +126,7 @@ def held_out(summary: RunSummary) -> dict[str, StoredTest]:
 
 
 def with_held_out(final: Study, held: Study) -> Study:
-    """Return the study that fits all tests, with the predictions that an earlier study held out."""
+    """Return the study of all tests, with an earlier study's predictions of its held-out tests."""
     first, last = held.result, final.result
     before = HeldOutAnswer(
         verdict=first.verdict.status, predictions=held_out(first), parameters=first.parameters

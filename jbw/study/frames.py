@@ -59,13 +59,13 @@ def backbone_frame(tree: xr.DataTree) -> "DataFrame":
         )
     group = branch(tree, BACKBONE, "frequency", "damping")
     frame = _bands(group["amplitude"], group["frequency"], group["damping"])
-    # The last fitted amplitude is a node of the grid, up to round-off.
+    # The last fitted amplitude is a point of the grid, except for round-off.
     frame = frame.assign(fitted=frame.index <= group.attrs["y_fitted"] * (1 + 1e-9))
     return frame if (free := node(tree, FREE_LAW)) is None else frame.assign(**_free(frame, free))
 
 
 def _free(frame: "DataFrame", free: xr.DataTree) -> dict[str, np.ndarray]:
-    """Return bands of the law without a prescribed form at given amplitudes; NaN out of range."""
+    """Return the bands without a prescribed law at given amplitudes; NaN out of their range."""
     x, at = np.log(np.asarray(free["amplitude"], float)), np.log(frame.index.values)
     return {
         f"{column}_free{end and '_'}{end}": np.interp(

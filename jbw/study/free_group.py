@@ -20,12 +20,12 @@ from jbw.study.look import Look
 if TYPE_CHECKING:
     import xarray as xr
 
-PARTICLES = 400  # With so many particles the evidence is accurate to one nat.
+PARTICLES = 400  # With this number of particles the evidence is accurate to one nat.
 NUM_AMPLITUDES = 48
-# Bands extend from the smallest amplitude divided by this to the largest one times this.
+# Bands extend from the smallest amplitude divided by this factor to the largest times this factor.
 REACH = 3.0
 BEYOND = 1.25  # amplitude, relative to the largest one, at which a sentence states the bands
-# Factor on variances above which frequency and damping clearly vary more than their errors state.
+# Factor on variances above which frequency and damping vary clearly more than their errors explain.
 SCATTERED = 2.0
 
 
@@ -96,7 +96,7 @@ def gap_sentences(record: Mapping[str, Any] | None) -> list[str]:
 
 
 def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
-    """Return the bands of the law without a prescribed form as a result group; empty without it."""
+    """Return the bands without a prescribed law as a result group; empty without them."""
     if law is None:
         return {}
     import xarray as xr  # The import takes long.
@@ -127,7 +127,7 @@ def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
 
 
 def free_law_record(law: FreeLaw | None) -> dict[str, Any] | None:
-    """Return the evidence and tests of a law without a prescribed form as plain values, or None."""
+    """Return evidence and tests of the law without a prescribed form as plain values, or None."""
     if law is None:
         return None
     best = max(law.log_evidence.values())

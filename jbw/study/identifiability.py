@@ -39,9 +39,9 @@ from jbw.report.messages import identified
 from jbw.results.run import StoredIdentifiability
 
 logger = logging.getLogger("jbw")
-# A start whose final cost exceeds the lowest one by less than this fraction found the optimum.
+# A start found the optimum if its final cost exceeds the lowest cost by less than this fraction.
 REACHED = 0.01
-# A smaller difference of cost (0.1 in chi-square) does not prefer one of two optima.
+# A smaller difference of cost (0.1 in chi-square) is no reason to prefer one of two optima.
 NOTHING = 0.05
 # column of the result: dimensions, values, unit
 Column = tuple[str | tuple[str, str], Any, str]
@@ -54,7 +54,7 @@ class Identifiability:
     fitted: Fitted  # the fit and the data to which it was fitted
     # Products of parameters, examined like the parameters themselves.
     products: tuple[Product, ...]
-    # what the data determine before sampling, by direction, parameter and product
+    # what the data determine before sampling: combinations, parameters and products
     information: Information
     profiles: dict[str, Profile]  # profile of every parameter, if profiles were requested
     # Only after sampling: 1 minus posterior over prior variance, and the change of each mean when
@@ -141,14 +141,14 @@ def identifiability(
     """
     require_float64()
     seen = measured_in(campaign, report)
-    # The identifiability is stated for the paper's own parameters.
+    # The identifiability is stated for the parameters of Teloli et al.
     seen = replace(seen, settings=seen.settings.model_copy(update={"coordinates": "paper"}))
     key = jax.random.key(campaign.settings.seed if seed is None else seed)
     return look(fit_joint(key, seen, report), with_profiles=profiles, report=report)
 
 
 def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -> Identifiability:
-    """Return how well a fit determines its parameters and their products, before sampling."""
+    """Return how precisely a fit determines its parameters and their products, before sampling."""
     products = combinations(fitted.box.names, fitted.data.laws)
     before = information(_of_data(fitted), as_wide(fitted.box, fitted.data.stated), products)
     followed: dict[str, Profile] = {}
@@ -164,7 +164,7 @@ def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -
 
 
 def _of_data(fitted: Fitted) -> Fit:
-    """Return the fit without the residuals and derivatives that come from stated priors."""
+    """Return a fit without the residuals and derivatives that come from stated priors."""
     size = len(fitted.fit.residual) - len(fitted.data.stated.names)
     fit = fitted.fit
     return replace(fit, residual=fit.residual[:size], jacobian=fit.jacobian[:size])
@@ -173,7 +173,7 @@ def _of_data(fitted: Fitted) -> Fit:
 def look_again(
     fitted: Fitted, posterior: xr.Dataset, settings: Identify, report: Report = logger.info
 ) -> Identifiability:
-    """Return how well the data determine each parameter, from the fit and the posterior draws."""
+    """Return how precisely fit and posterior draws determine each parameter."""
     before = look(fitted, with_profiles=settings.profiles, report=report)
     box, products = fitted.box, before.products
     draws = {name: posterior[name].values for name in box.names}

@@ -30,7 +30,7 @@ from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.withheld import is_withheld
 
-FEW = 4  # number of draws with which the amplitude under a load is found first
+FEW = 4  # number of draws for which the amplitude under a load is computed first
 # Up to this ratio of the third harmonic to the first, one harmonic is accurate to 1e-5.
 ONE_HARMONIC = 1e-3
 MANY = 8  # number of odd harmonics if the third harmonic is larger
@@ -101,7 +101,7 @@ class LoadOptions(TypedDict, total=False):
 
 
 class Member(NamedTuple):
-    """The posterior draws of one law as oscillators of equivalent stiffness and loss.
+    """The posterior draws of one law as oscillators with amplitude-dependent stiffness and damping.
 
     Attributes:
         motion: The oscillators of equivalent stiffness and loss.
@@ -115,7 +115,7 @@ class Member(NamedTuple):
 
 
 class SeenResponse(NamedTuple):
-    """The predicted response: its quantity, its unit and the unit of its source.
+    """The response that is predicted: its quantity, its unit, and the unit of its source.
 
     Attributes:
         name: Quantity: displacement, velocity or acceleration.
@@ -162,7 +162,7 @@ def measured_of(basis: Basis, load: Load) -> SeenResponse:
 
 
 def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> list[Member]:
-    """Return the draws of each of a run's laws as oscillators with the harmonics of a load.
+    """Return the draws of each law of a run as oscillators, with the harmonics for a load.
 
     Raises:
         ConfigError: There are too few draws.
@@ -209,7 +209,7 @@ class Prepared(NamedTuple):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Return the amplitude, any withheld band and warnings of a prediction as attributes."""
+        """Return attributes of a prediction: amplitude, whether a band is withheld, warnings."""
         said = "\n".join(self.warnings)
         return {"reach": self.reach, "withheld": int(self.withheld), "warnings": said}
 
@@ -251,7 +251,7 @@ def _harmonics(member: Member, y: float) -> int:
 def response_of(
     member: Member, load: Load, seen: SeenResponse, level: float, omega: Values, y: Complexes
 ) -> Complexes:
-    """Return the response to a load in its unit, from displacements relative to the force.
+    """Return the response to a load in its unit, from displacements per force.
 
     Displacements y are in m, with phases relative to the force.
 
@@ -269,7 +269,7 @@ def response_of(
 
 
 def level_of(member: Member, level: float) -> Values:
-    """Return the force amplitude per unit mass of each draw at a level of the source [N/kg]."""
+    """Return each draw's force amplitude per unit mass at a level of the source [N/kg]."""
     return np.abs(member.share) * level
 
 

@@ -26,7 +26,8 @@ from jbw.study.loads import (
 )
 from jbw.verification.predictive_basis import Basis
 
-FEW = 240  # number of frequencies on each side of the resonance, spaced more widely with distance
+# number of frequencies on each side of the resonance, with spacing that grows with distance
+FEW = 240
 MOST_TIMES = 2000  # approximate number of times at which a response is stored
 
 
@@ -85,12 +86,12 @@ def _random(
 
 
 def _frequencies(centre: Values, damping: Values, band: tuple[float, float], few: int) -> Values:
-    """Return frequencies [Hz] in a band, dense enough for the resonance of every draw."""
+    """Return frequencies [Hz] in a band that are dense near the resonance of every draw."""
     step = 0.4 * float(np.min(damping * centre))
     width = 12.0 * float(np.max(damping * centre))
     low, high = float(np.min(centre)) - width, float(np.max(centre)) + width
     near = np.linspace(low, high, min(int((high - low) / step) + 2, 4000))
-    # Towards both ends the steps grow with the distance from the resonance.
+    # Away from the resonance the spacing grows with the distance from it.
     away = width * np.geomspace(1.0, max(band[1] / width, 2.0), few)
     every = np.concatenate([near, low + width - away, high - width + away, band])
     return np.unique(every[(every >= band[0]) & (every <= band[1])])

@@ -27,7 +27,7 @@ from jbw.study.loads import (
 )
 from jbw.verification.predictive_basis import Basis
 
-NUM_FREQ = 241  # number of frequencies of a curve
+NUM_FREQ = 241  # number of frequencies of a response curve
 # number of rounds, and relative error, of the search for the displacement at the limit
 MOST_ROUNDS, CLOSE = 8, 1e-6
 
@@ -127,14 +127,14 @@ def _curve(
 def notch_of(
     basis: Basis, level: float, limit: float, band_hz: tuple[float, float], load: Load
 ) -> xr.Dataset:
-    """Return bands of the level that keeps a response within a limit; see `Study.notch`."""
+    """Return the bands of the level that keeps a response within a limit; see `Study.notch`."""
     (level, limit), band_hz = checked_levels([level, limit]), checked_band(band_hz)
     seen = measured_of(basis, load)
     freq_hz = np.linspace(*band_hz, NUM_FREQ)
     omega = TAU * freq_hz
 
     def displacement(member: Member) -> tuple[Values, Values]:
-        """Return the displacement whose response equals the limit, and the force that it needs."""
+        """Return the displacement at which the response equals the limit, and the force for it."""
         frequency = np.broadcast_to(omega, (len(member.motion.omega_n), len(omega)))
         y = np.broadcast_to(
             limit / seen.factor / omega ** derivative_order(seen.name), frequency.shape

@@ -61,9 +61,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 logger = logging.getLogger("jbw")
-# Ratio of repeats' standard deviation to the rms of their mean; above it they are not repeats.
+# Ratio of repeats' standard deviation to the rms of their mean, above which they are not repeats.
 CHANGED = 0.5
-# A record that raises one of these is named as unreadable; all others are still read.
+# A record that raises one of these errors is named as unreadable; all others are evaluated.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
 NUM_SHOWN = 2000  # number of spectral lines of a response that a figure shows
 UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1", "frequency_sd": "Hz", "damping_sd": "1"}
@@ -72,11 +72,11 @@ MEANING = {
     "frequency_sd": "standard deviation of frequency",
     "damping_sd": "standard deviation of damping",
 }  # fmt: skip
-# Relative change of secant stiffness over equal cycles; the test rig alone causes smaller ones.
+# Change of secant stiffness over equal cycles [share]; the test rig alone causes smaller changes.
 WORN = 0.02
-# Change relative to half width or damping; noise in a readable resonance causes smaller ones.
+# Change relative to half width or damping; noise in a clear resonance causes smaller changes.
 CLEAR = 0.2
-# Probability below which offsets of records depend on their order or run, and not on chance.
+# Probability below which offsets of records depend on their order or run, and are not random.
 RISES = 1e-3
 ORDERED = 4  # Fewest records for which a dependence on their order is tested.
 PLATEAU = 3  # Fewest values below an amplitude that show the structure to be linear there.
@@ -282,13 +282,13 @@ def _of_decays(test: Test) -> Iterator[RecordRead]:
 
 
 def _of_sweep(record: Record, test: Test) -> RecordRead | None:
-    """Measure frequency and damping of a sweep; return None if it is no sweep or fits badly."""
+    """Measure frequency and damping of a sweep; return None if it is no sweep or the fit is bad."""
     read = examined_sweep(record, test.band_hz, test.delay).reading
     return None if read is None or read.residual > MISSED else _of_reading(read)
 
 
 def _holding(one: RecordRead) -> RecordRead | None:
-    """Remove values of frequency and damping that no oscillator can have; None if none is left."""
+    """Remove values of frequency and damping that are not physical; return None if none remains."""
     holds = np.array([row.holds for row in one.rows])
     if np.all(holds):
         return one
@@ -326,7 +326,7 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
 
 
 def _row(name: str, test: Test, records: Sequence[RecordRead]) -> StoredReading:
-    """Return a test's frequency and damping at its largest motion: record means with errors.
+    """Return a test's frequency and damping at its largest motion: means over records with errors.
 
     An error combines that of a single record with the standard deviation between records.
     """
@@ -423,7 +423,7 @@ def _shown(
     read: Reading,
     test: Test,
 ) -> ShownResponse:
-    """Return the part of a response near its resonance, for a figure."""
+    """Return the part of a frequency response near its resonance, for a figure."""
     centre = 2 * np.pi * read.frequency_hz
     half = max(0.02, min(WIDE, 10 * abs(read.damping))) * centre
     near = np.flatnonzero(np.abs(omega - centre) < half)[:NUM_SHOWN]
@@ -434,7 +434,7 @@ def _shown(
 
 
 def read_of_shaker(spec: TestSpec, record: Record) -> str:
-    """Return the sentence on the attached shaker and its effect on the mode, or on its failure."""
+    """Return the sentence on the attached shaker, or on why it is not identified."""
     test = Test(
         spec.kind, (record,), name=spec.name, band_hz=spec.band, periods=spec.periods,
         settle=spec.settle,
@@ -450,7 +450,7 @@ def statements(
     by_test: Mapping[str, list[RecordTable]],
     modes_hz: Sequence[float] = (),
 ) -> tuple[list[str], tuple[str, ...]]:
-    """Return sentences on the readings, and the laws that they propose, simplest first.
+    """Return sentences on measured frequency and damping, and the laws they suggest.
 
     The sentences state whether records differ, and how frequency and damping depend on amplitude.
     Several modes are reported separately, each from the readings nearest to its frequency.
@@ -501,7 +501,7 @@ def _by_mode(
 
 
 def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
-    """Return the mode nearest to a frequency [Hz]; None if there is only one mode."""
+    """Return the mode nearest to a frequency [Hz]; None if the structure has only one mode."""
     if len(modes_hz) < 2:
         return None
     return min(modes_hz, key=lambda hz: abs(np.log(frequency_hz / hz)))
@@ -583,7 +583,7 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
-    """Return whether differences between records follow the "runs" or their "order", or ""."""
+    """Return whether differences between records depend on the "runs" or their "order", else ""."""
     count = len(offsets)
     groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
     if 1 < len(groups) < count:
@@ -601,7 +601,7 @@ def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
 
 
 def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear:
-    """Compare frequency and damping of the last record with the first, if a trend is untestable."""
+    """Return the sentence on the last record compared with the first, if no trend can be tested."""
     y, frequency, damping = (
         [float(getattr(table, name)[0]) for table in tables] for name in ("y", "hz", "zeta")
     )
@@ -616,7 +616,7 @@ def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear
 
 
 def days(rows: Sequence[StoredReading]) -> list[str]:
-    """Return the sentence on variation of frequency and damping within and between days."""
+    """Return the sentence on how frequency and damping vary within and between days."""
     groups: dict[tuple[Any, ...], dict[tuple[Any, ...], list[StoredReading]]] = {}
     for row in rows:
         day = row.assembly, row.run

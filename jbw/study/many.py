@@ -32,13 +32,13 @@ from jbw.study.resumable import carried_out, digest_of
 from jbw.study.workers import Executor, in_processes, submitted
 
 logger = logging.getLogger("jbw")
-# name of a campaign file after which a run is not named; its folder gives the name
+# name of a campaign file from which a run takes no name; the folder's name is used
 PLAIN = "campaign"
 
 
 @dataclass(frozen=True)
 class Task:
-    """One campaign to identify, as sent to a worker."""
+    """One campaign to identify, in the form that is sent to a worker."""
 
     campaign: str
     folder: str
@@ -273,7 +273,7 @@ def _finished_before(task: Task) -> RunOutcome | None:
 
 
 def _require_same_result(task: Task, summary: RunSummary) -> None:
-    """Raise an error if a finished run differs from the task in campaign, data or seed."""
+    """Raise an error if a finished run has another campaign, data or seed than requested."""
     remedy = messages.identify_anew(str(task.folder))
     _require_asked(task, summary.campaign_file, None)
     if task.seed is not None and summary.seed != task.seed:

@@ -79,7 +79,7 @@ def numpyro_model(
 def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
     """Return the posterior for the data of a given fit as a NumPyro model."""
     fit, box, data = fitted.fit, fitted.box, fitted.data
-    # The sites already contain the stated densities, which must not count twice.
+    # The sites already contain the stated prior densities, which must not be counted twice.
     unstated = replace(data, stated=StatedDensities())
 
     def derived(theta: Mapping[str, Any]) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
 
 
 def _of_laws(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
-    """Return parameters of the laws, and their products, that follow from the sampled ones."""
+    """Return the laws' parameters and products that follow from the sampled parameters."""
     every = {**data.held, **theta}
     values: dict[str, Any] = {}
     for law in laws_named(data.laws):

@@ -53,7 +53,7 @@ def save_loads(
 
 
 def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Replace infinite numbers and NaN by None in rows of plain values."""
+    """Return rows of plain values in which infinite numbers and NaN are replaced by None."""
     return [
         {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in row.items()}
         for row in rows

@@ -37,7 +37,7 @@ GRID = np.linspace(0.05, 1.0, 20)
 TOLD = (1, 19)
 QUANTITIES = (("frequency", "Hz", 1.0), ("damping ratio", "%", 100.0))
 BY_CHANCE = 0.01  # The variation about a trend is reported if chance has a smaller probability.
-NUISANCE = {"gain"}  # parameters of the source, on which frequency and damping do not depend
+NUISANCE = {"gain"}  # parameters of the source, which do not affect frequency and damping
 
 
 def side_by_side(folders: Sequence[Path]) -> tuple[RunsSideBySide, xr.Dataset]:
@@ -97,7 +97,7 @@ def _require_backbone(folder: Path, basis: Basis) -> None:
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """Return the names of the folders, or their paths where two folders have the same name."""
+    """Return the names of the runs' folders, or their paths if two folders have the same name."""
     short = [folder.resolve().name for folder in folders]
     return short if len({*short}) == len(short) else [str(folder) for folder in folders]
 
@@ -160,7 +160,8 @@ def _trend(
 ) -> dict[str, Any]:
     """Return the slope of a quantity over runs per doubling of torque, with its 99 % interval."""
     count = min(map(len, draws))
-    # Runs with the same seed have correlated draws; a random order removes the correlation.
+    # Runs with the same seed have correlated draws; a random order of the draws removes this
+    # correlation.
     rng = np.random.default_rng(0)
     values = np.array([rng.permutation(x)[:count] for x in draws])
     away = doublings - doublings.mean()
@@ -169,7 +170,7 @@ def _trend(
     left = mean - mean.mean() - away * middle
     degrees = len(draws) - 2
     p = float(stats.chi2.sf(np.sum((left / sd) ** 2), degrees)) if degrees else 1.0
-    # The interval then includes the variation of runs about the line.
+    # The interval then includes the variation of runs around the line.
     if p < BY_CHANCE:
         deviation = np.sqrt(np.sum(left**2) / degrees / np.sum(away**2))
         reach = stats.t.ppf(QUANTILES[2], degrees) * deviation

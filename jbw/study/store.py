@@ -42,7 +42,7 @@ class Job:
     asked: str
 
     def parts(self, inputs: Mapping[str, str], report: Callable[[str], Any]) -> Parts:
-        """Return the store of finished parts, after removing parts made from other inputs or code.
+        """Return the store of finished parts; remove parts from other inputs or another version.
 
         Args:
             inputs: Digests of all input files, by file.
@@ -196,7 +196,7 @@ def save_predictions(
 
 
 def save_outputs(folder: Path, numbers: Mapping[str, Write], pictures: Mapping[str, Write]) -> None:
-    """Write numbers, then pictures, so that a failing picture does not lose the numbers.
+    """Write numbers, then figures, so that a failing figure does not lose the numbers.
 
     Args:
         folder: The output folder.
@@ -227,7 +227,7 @@ def _save(folder: Path, outputs: Mapping[str, Write]) -> None:
 
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
-    """Yield a hidden folder for the files `names`; at the end move the files to their place."""
+    """Yield a hidden folder for the files `names`; at the end move these files to their place."""
     left = list(folder.glob(f"{PART}-*"))  # These folders were left by a process that was killed.
     with tempfile.TemporaryDirectory(dir=folder, prefix=f"{PART}-") as name:
         yield Path(name)
@@ -239,7 +239,7 @@ def writing(folder: Path, *names: str) -> Iterator[Path]:
                 shutil.rmtree(target)
             elif part.is_file():
                 with part.open("rb+") as stream:
-                    # The content must reach the disk before the name does.
+                    # The content must reach the disk before the name.
                     os.fsync(stream.fileno())
             os.replace(part, target)
 

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-LINE = 300  # largest number of characters of the parameters' line in a notebook cell
+LINE = 300  # largest number of characters of the line with the parameters in a notebook cell
 
 
 @dataclass(frozen=True, repr=False)
@@ -79,13 +79,13 @@ class Study:
         return verdict + page_of(self.result, self.tree)
 
     def _known(self) -> str:
-        """Return the campaign and its determined parameters in one line."""
+        """Return a line of text with the campaign and its determined parameters."""
         listed = "; ".join(known_parameters(self.result)) or "no parameter is known"
         return shorten(f"Study of {self.result.campaign}: {listed}", LINE)
 
     @cached_property
     def result(self) -> RunSummary:
-        """The content of `record` in types."""
+        """The content of `record` as typed objects."""
         return RunSummary.read(self.record)
 
     @property
@@ -154,7 +154,7 @@ class Study:
     def predict(
         self, test: str | Test, num_draws: int = NUM_DRAWS, *, noise: bool = True
     ) -> xr.Dataset:
-        """Predict any test: bands of the main posterior, next to the measured values.
+        """Predict any test: bands of the main posterior, together with the measured values.
 
         Args:
             test: Name of a test of the campaign, or a test of any kind, whether measured before or
@@ -393,7 +393,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
 
 
 def known_of(folder: Path) -> tuple[RunSummary, Known]:
-    """Return the summary of a run, with its prior bounds and the posterior means of Step 3."""
+    """Return what a run determined: summary, prior bounds, and posterior means of Step 3."""
     summary, tree = read_result(folder, "posterior", "steps")
     bounds, means = {}, {}
     if summary.main == "joint" and "posterior" in tree.children:

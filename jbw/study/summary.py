@@ -39,7 +39,7 @@ ERRORS = (
     "nrmse_cubic", "extrapolation",
 )  # fmt: skip
 
-# Steps whose prior includes the densities that a campaign states.
+# Steps in whose prior the densities that a campaign states are used.
 OF_ALL = ("joint", "decay")
 
 
@@ -111,7 +111,7 @@ def _assembly(campaign: Campaign) -> dict[str, Any]:
 
 
 def steps_group(summary: RunSummary) -> xr.Dataset:
-    """Return verdict, ESS and R-hat of each step for the flow diagram; NaN without draws."""
+    """Return verdict, ESS and R-hat of each step for the diagram of steps; NaN without draws."""
     # Durations are not stored, so that equal runs leave equal groups.
     steps = summary.steps.values()
     ess = [min(step.known("ess_bulk"), default=np.nan) for step in steps]
@@ -246,7 +246,7 @@ def step_record(
 
 
 def _parameter(row: dict[str, Any], unit: str, truth: float | None) -> StoredParameter:
-    """Return a summary row with its unit, and with its distance from the rig's truth [sd]."""
+    """Return a parameter's row with its unit and its distance from the rig's true value [sd]."""
     parameter = StoredParameter(**row, unit=unit, truth=truth, z=None)
     mean, sd = parameter.mean, parameter.sd
     if truth is None or mean is None or not sd:
@@ -282,7 +282,7 @@ def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
-    """Return why no test shows the error at other levels or kinds of test; empty if some do."""
+    """Return why the errors at other levels or for other kinds of test are unknown, if so."""
     missed = node(tree, "discrepancy")
     if missed is None or data is None:
         return {}

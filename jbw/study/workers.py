@@ -11,11 +11,11 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
 from typing import Any, Protocol
 
-POLL_S = 1.0  # seconds between two checks of jobs that are not Python's futures
+POLL_S = 1.0  # seconds between two checks of jobs whose futures are not those of Python
 
 
 class Executor(Protocol):
-    """An executor of functions: `concurrent.futures`, `client.get_executor()` of Dask, submitit."""
+    """Any object that runs functions elsewhere: an executor of Python, Dask or submitit."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Any:
         """Run a function with some arguments on a worker, and return its future."""
@@ -96,7 +96,7 @@ def _side_by_side[Task: Hashable](
 def _begun[Task](
     pool: futures.ProcessPoolExecutor, function: Callable[[Task], Any], task: Task
 ) -> tuple[futures.Future[Any], futures.ProcessPoolExecutor]:
-    """Return a task's future and its process pool, a new one if the old process has died."""
+    """Return a task's future and its process pool; make a new pool if the old process has ended."""
     try:
         return pool.submit(function, task), pool
     except BrokenProcessPool:
