@@ -8,7 +8,7 @@ Ends = list[float]  # lower end, median and upper end of a 99 % interval
 
 
 class ComparedRun(Stored):
-    """One of two compared runs."""
+    """One of two runs that are compared."""
 
     folder: str
     campaign: str = ""
@@ -57,7 +57,7 @@ class RunDifference(Stored):
 
 
 class RunBeside(Stored):
-    """One of several runs side by side."""
+    """One of several runs that are compared."""
 
     name: str
     folder: str
@@ -68,7 +68,7 @@ class RunBeside(Stored):
 
 
 class ReadingBeside(Stored):
-    """The 99 % intervals of frequency [Hz] and damping ratio [%] of a run at an amplitude [m]."""
+    """A run's frequency [Hz] and damping ratio [%] at an amplitude [m], with 99 % intervals."""
 
     run: str
     amplitude: float
@@ -88,7 +88,7 @@ class TorqueTrend(Stored):
 
 
 class RunsSideBySide(Stored):
-    """Several runs side by side, by torque."""
+    """A comparison of several runs in the order of torque."""
 
     runs: list[RunBeside]
     readings: list[ReadingBeside]

@@ -49,7 +49,7 @@ class StoredLaw(StoredRow):
 
 
 class OffsetChange(Stored):
-    """The mean and the standard deviation of a parameter with and without offsets of sessions."""
+    """Mean and standard deviation of a parameter, with and without offsets of sessions."""
 
     with_offsets: float = Field(alias="with")
     with_sd: float
@@ -58,15 +58,15 @@ class OffsetChange(Stored):
 
 
 class StoredSharedRuns(Stored):
-    """The best law without offsets of the sessions; `error` is with and without them."""
+    """The best law without offsets of the sessions; `error` has both errors, with and without."""
 
     parameters: dict[str, OffsetChange]
     error: list[float]
-    errors: dict[str, float]  # of every law without offsets
+    errors: dict[str, float]  # error of every law without offsets
 
 
 class StoredFreeLaw(Stored):
-    """The evidence of laws from readings alone, less that of the best one, by law."""
+    """The log evidence of laws from frequency and damping alone, minus the largest one, by law."""
 
     log_evidence_difference: dict[str, float]
 
@@ -89,5 +89,5 @@ class StoredLaws(Stored):
     statements: list[str] = []
 
     def answered(self, answer: str) -> list[str]:
-        """Return the names of the laws with an answer."""
+        """Return the names of the laws with a given answer, such as worse than the best law."""
         return [name for name, row in self.laws.items() if row.answer == answer]

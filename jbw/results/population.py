@@ -62,9 +62,9 @@ class StoredPopulation(Stored):
     saturation_torque: StoredInterval | None = None
     status: str = ""
     statements: list[str] = []
-    new_unit: dict[str, Any] = {}  # its torque, and an interval by coordinate
+    new_unit: dict[str, Any] = {}  # torque of the new unit, and an interval by coordinate
 
     @property
     def has_trend(self) -> bool:
-        """Whether the coordinates follow the torque."""
+        """Whether any coordinate depends on torque in the population's model."""
         return "torque" in self.columns

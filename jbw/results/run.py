@@ -54,11 +54,11 @@ class StoredVerdict(Stored):
 
     @property
     def against(self) -> list[StoredFinding]:
-        """The findings that are not ok."""
+        """The findings that count against the result: those whose status is not ok."""
         return [finding for finding in self.findings if finding.status != "ok"]
 
     def answer(self, name: str) -> str:
-        """Return the status of an answer; an empty text in runs of versions without answers."""
+        """Return the status of the answer to a question; an empty text for early versions."""
         return self.answers[name].status if name in self.answers else ""
 
 
@@ -84,7 +84,7 @@ class StoredParameter(StoredRow):
 
     @property
     def variation(self) -> float:
-        """The coefficient of variation without its sign; infinite where it is unknown."""
+        """The absolute value of the coefficient of variation; infinite if it is unknown."""
         return float("inf") if self.cv is None else abs(self.cv)
 
 
@@ -99,20 +99,20 @@ class StoredStep(Stored):
     wall_time_s: Number = None
 
     def known(self, what: str) -> list[float]:
-        """Return a number of every parameter that has it, such as `ess_bulk`."""
+        """Return one number, such as `ess_bulk`, of every parameter that has it."""
         numbers = (getattr(row, what) for row in self.parameters.values())
         return [number for number in numbers if number is not None]
 
 
 class StoredMoments(Stored):
-    """The mean and the standard deviation of a parameter by one route."""
+    """The mean and the standard deviation of a parameter from one procedure."""
 
     mean: Number = None
     sd: Number = None
 
 
 class StoredRoutes(StoredRow):
-    """A parameter by the paper's sequential steps (the cut) and by the joint posterior."""
+    """A parameter from the paper's sequential steps (the cut) and from the joint posterior."""
 
     cut: StoredMoments = StoredMoments()
     joint: StoredMoments = StoredMoments()
@@ -121,7 +121,7 @@ class StoredRoutes(StoredRow):
 
 
 class StoredComparison(Stored):
-    """The comparison of the paper's route with the joint posterior."""
+    """The comparison of the paper's sequential steps with the joint posterior."""
 
     parameters: ByName[StoredRoutes] = {}
     statements: list[str] = []
@@ -152,14 +152,15 @@ class StoredTest(Stored):
     nrmse_cubic: Number = None
     extrapolation: Number = None
     y_peak: dict[str, float] | None = None  # largest displacement by quantile [m]
-    beyond: bool = False  # whether that exceeds what predictions may be trusted for
+    # whether the displacement exceeds the range in which predictions are trusted
+    beyond: bool = False
     withheld: bool = False
     is_record: bool = Field(default=False, exclude=True)
     rests_on: list[str] = Field(default=[], exclude=True)
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The fields that the file states."""
+        """The names of the fields that the file contains."""
         return {name: getattr(self, name) for name in self.model_fields_set}
 
 
@@ -172,14 +173,14 @@ class StoredKind(Stored):
 
 
 class StoredUnscored(Stored):
-    """Why no test scores predictions of other levels, or of a kind; empty where some test does."""
+    """Why the errors for other levels or other kinds of test are unknown; empty if known."""
 
     levels: str = ""
     kind: str = ""
 
 
 class HeldOutAnswer(Stored):
-    """The result of the fit that held out some tests, where all tests are fitted in the end."""
+    """The result of the first fit, without the held-out tests, if all tests are fitted later."""
 
     verdict: str = ""
     predictions: dict[str, StoredTest] = {}
@@ -206,12 +207,12 @@ class StoredLoop(Stored):
     test: str = ""
     y: float = 0.0
     stiffness: float = 0.0
-    unit: str = "m"  # of the motion
+    unit: str = "m"  # unit of the motion
     cycles: list[StoredCycle] = []
 
 
 class StoredReading(Stored):
-    """A test's frequency and damping at its largest motion, read without a model."""
+    """A test's frequency and damping at its largest motion, without a model of the joint."""
 
     test: str = ""
     kind: str = ""
@@ -234,7 +235,7 @@ class StoredReading(Stored):
 
 
 class StoredLook(Stored):
-    """The readings of all records without a model."""
+    """Frequency and damping of all records, without a model of the joint."""
 
     campaign: str = ""
     tests: list[StoredReading] = []
@@ -285,7 +286,7 @@ class StoredJoints(Stored):
 
 # -- identifiability -------------------------------------------------------------------------------
 class StoredDirection(Stored):
-    """A direction of the parameters with its information relative to the prior."""
+    """A combination of parameters, with its information relative to the prior."""
 
     combination: str = ""
     information: Number = None
@@ -293,7 +294,7 @@ class StoredDirection(Stored):
 
 
 class StoredPrecision(StoredRow):
-    """The precision of a parameter or combination by the fit."""
+    """The precision of a parameter or combination, estimated from the fit."""
 
     text: str = ""
     value: Number = None
@@ -303,7 +304,7 @@ class StoredPrecision(StoredRow):
 
 
 class StoredShift(Stored):
-    """How far a mean follows a bound of the prior box [sd]."""
+    """How far a posterior mean moves with a bound of its prior [sd]."""
 
     shift: Number = None
     box: str = ""
@@ -356,11 +357,11 @@ class RunSummary(Stored):
     sources: str = ""
     seed: int | None = None
     inputs: dict[str, str] = {}
-    assembly: dict[str, Any] = {}  # as the campaign states it: torque [N m], sequence, temperature
+    assembly: dict[str, Any] = {}  # values in the campaign: torque [N m], sequence, temperature
     command: str = ""
     wall_time_s: Number = None
     look: StoredLook = StoredLook()
-    quick: dict[str, float] | None = None  # errors of a fit without draws, by group of data
+    quick: dict[str, float] | None = None  # errors of a fit without draws, by data group
     opening: list[str] = []
     identifiability: StoredIdentifiability = StoredIdentifiability()
     held_out_answer: HeldOutAnswer = HeldOutAnswer()

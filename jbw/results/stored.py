@@ -16,7 +16,7 @@ class Stored(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _without_null(cls, record: Any) -> Any:
-        """Leave out a null, as earlier versions wrote it, where the field has another default."""
+        """Omit a null of earlier versions if the field has another default."""
         if not isinstance(record, Mapping):
             return record
         filled = {
@@ -28,11 +28,11 @@ class Stored(BaseModel):
 
     @classmethod
     def read(cls, record: Mapping[str, Any]) -> Self:
-        """Return the value of a JSON object."""
+        """Return the typed value of a JSON object."""
         return cls.model_validate(record)
 
     def plain(self) -> dict[str, Any]:
-        """Return the JSON object: the fields that were read or set."""
+        """Return the JSON object with the fields that were read or set."""
         return self.model_dump(exclude_unset=True, by_alias=True)
 
     def replaced(self, **fields: Any) -> Self:
@@ -41,7 +41,7 @@ class Stored(BaseModel):
 
 
 class StoredRow(Stored):
-    """A row of a table by name; the name is its key in the file."""
+    """A row of a table with a name, which is its key in the file."""
 
     name: str = Field(default="", exclude=True)
 

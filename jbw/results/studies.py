@@ -6,7 +6,7 @@ from jbw.results.stored import ByName, Number, Stored, StoredRow
 
 
 class SampledParameter(Stored):
-    """A parameter's numbers by one sampler, each with its Monte Carlo error and distance z.
+    """A parameter's numbers from one sampler, with Monte Carlo errors and distances z.
 
     `parameter` and `sampler` name it in a table.
     """
@@ -31,7 +31,7 @@ class StoredSampler(StoredRow):
 
 
 class StoredSamplers(Stored):
-    """Samplers compared on one posterior; `refused` gives the reason for each that cannot draw."""
+    """A comparison of samplers; `refused` gives the reason for each that cannot sample."""
 
     campaign: str = ""
     posterior: str = ""
@@ -42,7 +42,7 @@ class StoredSamplers(Stored):
 
 
 class StoredCoverage(StoredRow):
-    """The uniformity of a quantity's ranks and the coverage of its 99 % intervals."""
+    """Uniformity of a quantity's ranks, and coverage of its 99 % intervals."""
 
     p_ecdf: float
     p_chi_square: float
