@@ -21,7 +21,7 @@ from jbw.measurement.records import INPUTS, RESPONSES
 from jbw.report.messages import draft as messages
 
 LINE = re.compile(r"^(?P<off># )?(?P<key>\w+) = (?P<value>.+?)  # CHECK: (?P<why>.*)$")
-LISTS = ("band", "tones", "span")  # keys whose value is a list of numbers
+LISTS = ("band", "tones", "span")  # keys of a test whose value is a list of numbers
 SAID = {
     "kind": "kind of test",
     "fs": "sampling frequency [Hz]",
@@ -109,7 +109,7 @@ def still_doubtful(text: str) -> Iterator[str]:
 
 
 def _questions(line: str) -> list[tuple[str, Callable[[str, str], str]]]:
-    """Return the questions about a draft's line, each with the function that enters its answer."""
+    """Return the questions about a line of a draft, each with the function that uses its answer."""
     match = LINE.match(line)
     if match is None:
         return []
@@ -147,7 +147,7 @@ def _value(line: str, key: str, answer: str) -> str:
 
 
 def _of(line: str, role: str, answer: str) -> str:
-    """Replace the unit or channel of one quantity in a line; leave doubts about others."""
+    """Return a line with the unit or channel of one quantity replaced, other doubts unchanged."""
     match = LINE.match(line)
     body, why = (line, "") if match is None else (line.partition("  # CHECK: ")[0], match["why"])
     key, _, value = body.partition(" = ")

@@ -18,7 +18,7 @@ FILES = ("mass", "stiffness", "damping", "dofs", "nodes")
 
 
 def place(value: Any) -> AnyPlace:
-    """Return a joint's motion: a degree of freedom, several weighted ones, or weights by name."""
+    """Return where a joint acts: a degree of freedom, several with factors, or named weights."""
     if isinstance(value, Mapping) and value:
         stated: AnyPlace = {values.text(name): values.number(x) for name, x in value.items()}
     else:
@@ -206,7 +206,7 @@ def _tie_errors(joints: Sequence[JointTable]) -> Iterator[str]:
 
 
 def leader_of(joint: JointTable, by_name: Mapping[str, JointTable]) -> JointTable | None:
-    """Return the joint whose law a joint uses (perhaps itself); None if `same_as` leads nowhere."""
+    """Return the joint whose law a joint uses (perhaps itself); None if `same_as` names none."""
     passed = set()
     while joint.same_as is not None:
         if joint.name in passed or joint.same_as not in by_name:

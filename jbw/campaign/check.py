@@ -52,8 +52,9 @@ from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
 
 # Largest plausible motion of a joint [m]; joints on benches and in machines move by centimetres.
 LARGEST_MOTION = 1.0
-FEWEST_SAMPLES = 32  # smallest number of samples from which a motion is judged
-OF_ONE_MODE = 0.3  # If a one-mode fit has a larger relative residual, its gain is meaningless.
+FEWEST_SAMPLES = 32  # smallest number of samples of which a motion is judged
+# If a one-mode fit has a larger relative residual, the gain from this fit is meaningless.
+OF_ONE_MODE = 0.3
 # Settings that only some kinds of test use, and the properties of these kinds.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
@@ -140,7 +141,7 @@ def _checked_joints(
 
 @dataclass
 class _CheckedTest:
-    """Results for the repeats of a test, which are read one by one to save memory."""
+    """Results for the repeats of one test, which are read one by one to save memory."""
 
     rows: list[Row] = field(default_factory=list)
     codes: set[int] = field(default_factory=set)  # exit codes of all findings of the test
@@ -229,7 +230,7 @@ def _checked_test(
 
 
 def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
-    """Return a repeat's name and the fitted gain of its mode, if it is a sweep; else nothing."""
+    """Return the name of a repeat and the gain fitted to it if it is a sweep; else nothing."""
     driven = any(role in record.channels for role in INPUTS)
     if not (test.traits.is_transient and driven):
         return []
@@ -240,7 +241,7 @@ def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
-    """Merge a finding's proposed line with what the test's table states already.
+    """Combine the line that a finding proposes with what the table of the test already states.
 
     A proposed factor is multiplied with the stated one, so that pasting the line does not lose a
     calibration. Files that the test already excludes stay excluded.
@@ -264,7 +265,7 @@ def beside_stated(fault: Fault, test: TestSpec) -> Fault:
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:
-    """Yield the table rows, with each finding on a whole test added to the row of its channel."""
+    """Yield the table's rows; each finding on a whole test is added to the row of its channel."""
     for row in rows:
         more = [fault for test, fault in faults if (test, fault.channel) == (row.test, row.role)]
         row_faults = (*more, *row.findings)
@@ -298,7 +299,7 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
         from jbw.oscillator.laws import laws_named  # This import loads JAX.
 
         others = {name for law in laws_named(spec.laws) for name in law.coordinates}
-        # To choose the paper's coordinates has an effect only if the laws offer others.
+        # Choosing the parameters of Teloli et al. has an effect only if the laws offer others.
         chosen = others if settings.coordinates == "paper" else settings.coordinates in others
         if not chosen:
             laws = ", ".join(spec.laws) or "none"
@@ -352,7 +353,7 @@ def findings(
 
     if worst(facts) == "error":
         return tuple(facts)
-    # Facts that files and campaign state are certain; their remedies need no test.
+    # What the file and the campaign state is certain; remedies for contradictions need no trial.
     return (*facts, *tried(doubtful(record, test, first), facts, record, test, look, _reading))
 
 

@@ -12,15 +12,17 @@ from jbw.measurement.faults.responses import LOCKED
 from jbw.measurement.files.tree import Leaf, load
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
 
-PARTS = 16  # number of sections of a record, each with a spectrum
+PARTS = 16  # number of sections into which a record is divided, each with a spectrum
 LEAST = 64  # smallest number of samples in a section
-# A section is a tone if more than this part of its power is near its strongest line.
+# A section is a tone if more than this share of its power is near its strongest spectral line.
 ONE_LINE = 0.9
-NO_LINE = 0.35  # A section is noise if less than this part of its power is near its strongest line.
-# largest ratio of amplitudes between sections of a steady tone, without the first quarter
+# A section is noise if less than this share of its power is near its strongest spectral line.
+NO_LINE = 0.35
+# A tone is steady if the amplitudes of its sections, without the first quarter, have a smaller
+# ratio.
 STEADY = 1.2
 FALLS = 0.5  # largest rms of a decay's last quarter, relative to its strongest quarter
-MOVES = 3  # smallest shift of the strongest line during a sweep, in spectral lines
+MOVES = 3  # smallest shift of the strongest spectral line during a sweep, in spacings of lines
 FEWEST = 4  # smallest number of points of a curve in a table
 FOLLOWS = 0.9  # smallest rank correlation between amplitude and frequency or force along a backbone
 GROWS = 2.0  # smallest ratio of the largest to the smallest amplitude or force along a backbone

@@ -25,7 +25,7 @@ from jbw.report.messages.message import Template, written
 
 MOST_BYTES = 2**20  # largest size of a campaign file in bytes, enough for several thousand tests
 LISTED = 20  # largest number of keys or errors that are listed one by one
-# Sentences for errors that pydantic finds; errors found in this package have their own.
+# Sentences for errors that pydantic finds; the checks of this package have separate sentences.
 SENTENCES = {
     "bool_type": "must be true or false, but is {value!r}.",
     "greater_than": "must be positive, but is {value}.",
@@ -42,7 +42,7 @@ DOUBLE_QUOTED = re.compile(r'"[^"]*"')
 COMMA = re.compile(r"(?<![\w.,\"'])([-+]?\d+),(\d+)(?![\w.])")
 POINT = re.compile(r"(?<![\w.\"'])(\d*)\.(\d*)(?![\w.\"'])")
 BARE = re.compile(r"""(=\s*)([A-Za-z_/~*][^\s"'#{}\[\],=]*)(?=\s*(?:[,}\]#]|$))""")
-# KEY matches a key, or a role in its table, and the value; HEAD matches the head of a table.
+# KEY matches a key, or a quantity in its table, with its value; HEAD matches the head of a table.
 KEY = re.compile(r"\s*([\w-]+)(?:\.([\w-]+))?\s*=\s*(.*\S)\s*")
 HEAD = re.compile(r"\s*\[\s*([\w.-]+)\s*\]\s*")
 WORDS_OF_TOML = {
@@ -67,7 +67,7 @@ class FileTable(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     def keys(self) -> Iterator[str]:
-        """Return the names of the stated keys only, so that `{**settings}` contains no defaults."""
+        """Return the names of stated keys only, so that `{**settings}` contains no defaults."""
         return (name for name in type(self).model_fields if name in self.model_fields_set)
 
     def __iter__(self) -> Iterator[str]:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -78,13 +78,13 @@ class FileTable(BaseModel):
 
 
 def key(default: Any, says: str, example: Any = None) -> Any:
-    """Return the field of a table's key: default (or factory, or `...`), description, example."""
+    """Return the field of a table's key with default (or factory, or `...`), meaning, example."""
     default_field: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
     return Field(**default_field, description=says, examples=None if example is None else [example])
 
 
 def unlike(name: str, names: Iterable[str]) -> str:
-    """Return the end of an error about an unknown name: the most similar name, and all names."""
+    """Return the end of an error on an unknown name: the most similar name, and all names."""
     names = list(names)
     nearest = get_close_matches(str(name), names, n=1, cutoff=0.5)
     return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (known: {', '.join(names)})"
@@ -129,7 +129,7 @@ def document_of(source: str, file: str) -> dict[str, Any]:
 
 
 def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list[str]:
-    """Return one sentence per unknown table of a file; after a limit only how many there are."""
+    """Return a sentence on each unknown table of a file; beyond a limit only their number."""
     unknown = [name for name in document if name not in tables]
     sentences = [f"[{name}]: unknown table{unlike(name, tables)}." for name in unknown[:LISTED]]
     return sentences + (
@@ -161,7 +161,7 @@ def checked[Found: FileTable](
 
 
 def _lines(model: type[FileTable], error: ErrorDetails) -> Iterator[str]:
-    """Yield the sentences on one error of a table, each with the key that it concerns."""
+    """Yield the sentences on one error of a table, each with the key concerned."""
     key, *inner = [str(part) for part in error["loc"] if isinstance(part, str)] or [""]
     # If an error concerns a whole table, some of its sentences name their key themselves.
     names = f" {': '.join([key, *inner])}: " if key else ""
@@ -234,7 +234,7 @@ def toml(value: Any) -> str:
 
 
 def commented(table: type[FileTable], names: Iterable[str]) -> list[str]:
-    """Return comment lines that offer further keys of a table, with example and meaning."""
+    """Return comment lines that offer additional keys of a table, with example and meaning."""
     fields = {name: table.model_fields[name] for name in names}
     return [
         f"# {name} = {toml(field.examples[0]) if field.examples else '...'}  # {field.description}"
@@ -287,7 +287,7 @@ SLIPS = (
 
 
 def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
-    """Return the cause of invalid TOML and its remedy; None if the cause is unknown.
+    """Return why a text is not TOML, and the remedy; None if the cause is unknown.
 
     A slip counts as the cause if the corrected text is TOML up to a later line.
     """
@@ -337,7 +337,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
 def _in_one_table(
     key: str, role: str, item: str, table: str, numbers: tuple[int, int]
 ) -> tuple[str, str] | None:
-    """Merge two lines of one key for several quantities; multiply factors of the same one."""
+    """Return one line for two lines that state one key for several quantities."""
     try:
         stated, value = tomllib.loads(f"table = {table}\nitem = {item}").values()
     except (ValueError, RecursionError):

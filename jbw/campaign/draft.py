@@ -73,8 +73,8 @@ SENSORS = "# sensitivity = "
 SAME_LINE = 1.25
 # Smallest height of a line that can be seen in a decay, relative to the strongest line.
 LEAST_HEIGHT = 0.02
-FOLLOWING = 0.7  # If their correlation is larger, force and displacement form a loop.
-MOST_LEVELLED = 100  # largest number of files whose source levels are read
+FOLLOWING = 0.7  # Force and displacement form a loop if their correlation is larger than this.
+MOST_LEVELLED = 100  # largest number of files of which the levels of the source are determined
 FILES = "# files"  # placeholder for the line of files, which depends on the levels in them
 MOST_BLOCKS = 40  # largest number of tests drafted from a single file
 # Keys of a test that a draft offers in a comment.
@@ -90,7 +90,7 @@ FEW_COLUMNS = 16  # A table with more columns does not contain just a few channe
 
 @dataclass(frozen=True)
 class Looked:
-    """The content of a measurement file, as seen when it is opened."""
+    """The content of a measurement file, as seen when the file is opened."""
 
     leaves: Leaves  # all arrays of the file
     series: Leaves  # arrays of the file that may be channels
@@ -229,7 +229,7 @@ def _in_newton_metres(torque: str) -> float:
 def _bands_together(
     blocks: Sequence[str], folder: Path, assumed: list[tuple[str, str]]
 ) -> list[str]:
-    """Give all drafted decays of one mode the same band, about a spectral line that all share.
+    """Give all drafted decays of one mode a common band, around a spectral line they all show.
 
     An impact may move the suspension more than the joint, so that its line is the largest in one
     test. The line of the joint stands out in every test.
@@ -257,7 +257,7 @@ def _bands_together(
 
 
 def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> dict[int, Reach]:
-    """Return the common band of decays of one mode, about a spectral line that all of them show.
+    """Return the common band of decays of one mode, around a spectral line that all of them show.
 
     All decays of one mode are fitted in one band, which is the intersection of their bands.
     """
@@ -316,7 +316,7 @@ def looked_at(contents: Contents) -> Looked:
 
 
 def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """Yield each assumption once, with all the files that it concerns."""
+    """Yield each assumption once, together with all files that it concerns."""
     files: dict[str, list[str]] = {}
     for name, what in assumed:
         files.setdefault(what, []).append(name)
@@ -365,7 +365,7 @@ def already_written(path: Path) -> ConfigError:
 
 
 def _stem(path: Path) -> tuple[str, str]:
-    """Return the part of a file name that repeats of a test share: without its last number."""
+    """Return the name of a file without the number at its end, which repeats of a test share."""
     return re.sub(r"\d+$", "", path.stem), path.suffix.lower()
 
 
@@ -387,7 +387,7 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
 
 
 def _may_hold_a_curve(path: Path) -> bool:
-    """Return whether a file may contain a response curve; a text must mention frequencies."""
+    """Return whether a file may contain a response curve (a text must mention frequencies)."""
     with suppress(OSError), path.open("rb") as stream:
         head = stream.read(BEGINNING)
         is_text = READERS.get(path.suffix.lower(), "").endswith(".csv") and b"\0" not in head
@@ -490,7 +490,7 @@ def _channels(file: Path, series: Leaves, named: Named) -> dict[str, Channel]:
 
 
 def _checks(channels: Mapping[str, Channel], assume: Assume) -> str:
-    """Return a draft's comment on channels whose quantity or axis is a guess; report each guess."""
+    """Return the comment on channels whose quantity or axis is a guess; report each guess."""
     guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
     for role in guessed:
         assume(messages.guessed_role(role, channels[role].path))
@@ -533,7 +533,7 @@ def _levels(
 
 
 class DraftedClock(NamedTuple):
-    """The sampling of a test as a draft states it."""
+    """The sampling of a test in a draft."""
 
     is_known: bool  # whether the sampling rate is known from the file
     unused: tuple[str, ...] = ()  # quantities whose channels are left out of the draft
@@ -543,7 +543,7 @@ class DraftedClock(NamedTuple):
 
 
 def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> DraftedClock:
-    """Draft the sampling of a test: common clock, two rates, uneven samples or two start times."""
+    """Draft how a test is sampled: one clock, two rates, uneven samples or two start times."""
     if traits.is_curve:
         return DraftedClock(True)
     leaves = {role: looked.series[c.path] for role, c in channels.items() if role != "time"}
@@ -659,7 +659,7 @@ def _band(
     assume: Assume,
     curves: Reach | None,
 ) -> str:
-    """Return the band of a free decay, about the strongest spectral line of its first record.
+    """Return the band of a free decay, around the strongest spectral line of its first record.
 
     If there are response curves, the line is searched within their frequencies: a hammer also
     excites the suspension, which moves further than the joint's mode.
@@ -707,7 +707,7 @@ def _sampling(leaves: Leaves, assume: Assume, counts: Sequence[str] = ()) -> str
 
 
 def _scalar_rate(leaves: Leaves) -> str:
-    """Return the path of a number that is named like a sampling frequency; empty if none is."""
+    """Return the path of a number whose name is that of a sampling frequency; "" if none is."""
     scalars = (n for n, leaf in leaves.items() if all(length == 1 for length in leaf.shape))
     return next((name for name in scalars if RATE.search(last_name(name))), "")
 
@@ -826,7 +826,7 @@ def _kind_of(
     if not driven and {"restoring_force", "displacement"} <= set(roles):
         return "loop", True
     if driven and {"force", "displacement"} <= set(roles):
-        # A cyclic test needs no clock, whereas a forced motion does.
+        # A cyclic test needs no times, whereas a forced motion does.
         clocked = is_timed or any(series[roles[r].path].fs for r in ("force", "displacement"))
         if not clocked or _follows(roles, series):
             return "loop", False
@@ -850,7 +850,7 @@ def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
 
 
 def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
-    """Return whether force and displacement form a loop, instead of drive and response.
+    """Return whether force and displacement form a loop, and not a drive and its response.
 
     A driving force is a quarter period apart from the displacement near a resonance, and opposite
     to it far above.

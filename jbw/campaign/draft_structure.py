@@ -39,7 +39,7 @@ def model_files(files: Sequence[Path]) -> tuple[MatrixFiles, Sequence[Path]] | N
 
 
 def structure_lines(stated: MatrixFiles, folder: Path) -> Iterator[str]:
-    """Yield the commented tables [structure] and [[joint]]; only the joints' places remain open."""
+    """Yield the commented tables [structure] and [[joint]]; the user adds the joints' places."""
     source: str | Path | Mapping[str, Path]
     if isinstance(stated, str):
         source = folder / stated

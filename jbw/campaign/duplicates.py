@@ -18,14 +18,14 @@ from jbw.measurement.spans import LEAST, exclude_line, is_by_file, of_all, put_l
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.remedies import LEAVE_OUT_BY_NUMBER
 
-# Part of two records that is equal: a fifth makes intervals too narrow by a tenth; above one half
-# the records count as the same.
+# Smallest equal share of two records that counts: a fifth makes intervals too narrow by a tenth;
+# above one half the records count as the same.
 DOUBTED, MOST_SHARED = 0.2, 0.5
 FORCES = ("restoring_force", "force")
 
 
 class ResponseOrigin(NamedTuple):
-    """The origin of a record's response, and the part of the record that a test uses."""
+    """Where the response of a record comes from, and the part of it that a test uses."""
 
     test: str
     record: str
@@ -40,7 +40,7 @@ class ResponseOrigin(NamedTuple):
 
 
 def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
-    """Return the origin of a record: digest of its samples, file and channel, span and band."""
+    """Return the origin of a record: digest of its samples, file, channel, span and band."""
     is_curve, role = test.traits.is_curve, record.response
     if (
         test.traits.is_prescribed
@@ -66,12 +66,12 @@ def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
 
 
 class Repetition(NamedTuple):
-    """A record whose samples are also in an earlier record of the campaign, in whole or in part."""
+    """A record whose samples also occur in an earlier record of the campaign, at least in part."""
 
     source: ResponseOrigin
     other: ResponseOrigin
     severity: Callable[..., Fault]
-    relation: str  # relation of the second record to the first, in words
+    relation: str  # words on how the second record is related to the first
     is_part: bool  # whether the records are overlapping parts of one channel
 
 

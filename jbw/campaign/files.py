@@ -21,7 +21,7 @@ from jbw.memory import Admit, admit_alone
 from jbw.quantities import natural
 
 DATA_FOLDER = "$JBW_DATA"
-Part = tuple[Path, Wanted]  # a file, and what is read from it
+Part = tuple[Path, Wanted]  # a file, and what must be read from it
 
 
 def repeats_of(
@@ -75,7 +75,7 @@ def repeats_of(
 
 
 def _on_grid(record: Record, fs: float) -> Record:
-    """Return a record with another record's sampling rate, if the rates differ only by rounding.
+    """Return a record with the sampling rate of another one, if the rates differ only by rounding.
 
     Printed times with different origins have mean rates that differ in the last digit.
     """
@@ -84,7 +84,7 @@ def _on_grid(record: Record, fs: float) -> Record:
 
 
 def _as_stated(record: Record, test: TestSpec) -> Record:
-    """Return a record with its stated drive and clock; a decay starts at its impact by default."""
+    """Return a record with its stated drive and clock; by default a decay starts at its impact."""
     record = on_one_clock(replace(record, drive=test.drive or ""), test.clock_ppm)
     if BASE in record.channels:
         return beside_base(record, is_relative=test.relative_to_base)

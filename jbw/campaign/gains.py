@@ -7,10 +7,10 @@ from jbw.measurement.records import BASE, Test, drive_of
 from jbw.quantities import FED
 
 Gain = float | Mapping[str, float] | None  # one value for all tests, or a value for each drive
-WEIGHTLESS = {*FED, BASE}  # sources whose gain does not follow from a mass
+WEIGHTLESS = {*FED, BASE}  # sources whose gain does not follow from a modal mass
 
 
-def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
+def force_per_unit(campaign: Any) -> Gain:  # Campaign as checked, or with its records
     """Return the force per modal mass for one unit of input [1/kg, or N/kg/V], or None.
 
     If a measured force drives some tests and a shaker's voltage or current others, the gains are

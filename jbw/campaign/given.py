@@ -19,7 +19,7 @@ Tell = Callable[[str], None]
 
 
 def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -> list[Path]:
-    """Return the campaign files that the given paths mean; draft one for records without any.
+    """Return the campaign files for given paths; draft one for records without a campaign.
 
     A folder refers to the campaign file in it; if it contains only records, their campaign is
     drafted and written there. Named records are drafted into one campaign, which is written next to
@@ -90,7 +90,7 @@ def _files_of(text: str) -> list[object]:
         tests = tomllib.loads(text).get("test", [])
         return sorted((test.get("files") for test in tests), key=str)
     except (tomllib.TOMLDecodeError, AttributeError, TypeError):
-        return []  # The file is invalid, and so differs from any draft, which always has tests.
+        return []  # An invalid file differs from any draft, because a draft always has tests.
 
 
 def _written(draft: Draft, path: Path, tell: Tell) -> Path:

@@ -38,7 +38,8 @@ from jbw.report.messages import campaign_faults as messages
 
 STRUCTURE = "[structure]"
 MATRICES = "matrices"
-# A joint whose motion is smaller than this part of the largest one adds at most a millionth to B.
+# A joint whose motion is smaller than this share of the largest motion adds at most a millionth to
+# B.
 _UNMOVED = 1e-2
 
 
@@ -132,10 +133,10 @@ def _files(
 
 
 class _Modes(NamedTuple):
-    """The modes of a structure, and the motion of its joints in them if it is known."""
+    """Modes of a structure, and the motion of its joints in these modes if it is known."""
 
     frequencies_hz: np.ndarray
-    # a reduced model or a matrix of motions, as `joint_separability` takes them
+    # a reduced model or a matrix of motions, as `joint_separability` accepts them
     motion: ReducedModel | np.ndarray | None = None
     shares: np.ndarray | None = None
     notes: tuple[str, ...] = ()
@@ -175,7 +176,7 @@ def check_joints(
 def _separability(
     modes: _Modes, swept: Sequence[int], joints: Sequence[JointTable]
 ) -> tuple[JointSeparability | None, list[Fault]]:
-    """Return the separability matrix B of the swept modes that move a joint, and its findings."""
+    """Return the matrix B of the swept modes that move a joint, and its findings."""
     if modes.motion is None:
         return None, []
     moving = moving_modes(modes.motion)
@@ -266,7 +267,7 @@ def _reason(pair: InseparablePair, separability: JointSeparability) -> str:
 
 
 def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
-    """Yield a warning for each joint that no swept mode moves, so the data do not constrain it."""
+    """Yield a warning for each joint that no swept mode moves: the data do not constrain it."""
     reach = (motion / motion.max(axis=0)).max(axis=1)
     for name, largest in zip(names, reach, strict=True):
         if largest < _UNMOVED:
@@ -314,7 +315,7 @@ def several_joints(
 
 
 def _refuse_stated_twice(spec: CampaignSpec) -> None:
-    """Raise a ConfigError for stated keys that have no meaning in addition to matrices."""
+    """Raise a ConfigError for keys that contradict the matrices of a structure."""
     stated = {
         "gain": spec.gain is not None,
         "modal_mass": spec.modal_mass is not None,

@@ -25,7 +25,7 @@ from jbw.measurement.records import BASE, Record, Test
 from jbw.memory import NO_RECORDS, HeldRecords, require_memory
 from jbw.quantities import DEFAULT_LAWS
 
-# Keys of a test's table that the `Test` has under the same name.
+# Keys of a [[test]] table that have the same name in `Test`.
 SAME = (
     "name",
     "level",
@@ -42,7 +42,7 @@ SAME = (
 )
 
 
-# largest number of tests, and of characters per test, that a notebook cell shows
+# largest number of tests, and of characters per test, in a notebook cell
 SHOWN, LINE = 10, 100
 
 
@@ -69,7 +69,8 @@ class Campaign:
     tests: tuple[Test, ...]  # tests in the order of the file
     gain: float | None = None  # force per modal mass for one volt [N/kg/V], if known
     modal_mass: float | None = None  # modal mass [kg], if known
-    settings: Identify = field(default_factory=Identify)  # a mapping of its keys is also accepted
+    # settings; a mapping of their keys is also accepted
+    settings: Identify = field(default_factory=Identify)
     path: Path = Path()  # path of the campaign file
     laws: tuple[str, ...] = DEFAULT_LAWS  # laws that act in parallel across the joint
     # Torque and further facts on the assembly, if stated.
@@ -78,7 +79,7 @@ class Campaign:
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
     joints: SeveralJoints | None = None  # joints of a structure with several; None for one joint
-    states_laws: bool = True  # if False, measured frequency and damping may suggest other laws
+    states_laws: bool = True  # if False, measured frequency and damping may suggest further laws
 
     def __repr__(self) -> str:
         lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]
@@ -232,7 +233,7 @@ def load_test(
 
 
 def _followed(test: TestSpec, spec: CampaignSpec, joints: SeveralJoints | None) -> int:
-    """Return how many modes and joints a fit simulates over every sample of a test."""
+    """Return how many modes and joints a fit simulates at every sample of a test."""
     if not kind_named(test.kind).is_transient:
         return 0
     if joints is not None:

@@ -13,7 +13,7 @@ from jbw.measurement.records import BASE, INPUTS, QUANTITIES, RESPONSES, ROLES, 
 from jbw.units import TORSION, is_voltage, plain, quantity_of, si_unit
 
 Leaves = Mapping[str, Leaf]
-# Pattern of a channel's name and the quantity that it indicates, most specific first.
+# Pattern of a channel's name, and the quantity that such a name indicates; most specific first.
 HINTS = (
     (r"^t(?:_(?:s|sec|ms|us))?$|time(?!r)|zeit", "time"),
     (r"restoring|friction", "restoring_force"),
@@ -29,14 +29,14 @@ HINTS = (
     (r"force|load|^f$|torque|moment|kraft|hammer", "force"),
     (r"input|shaker|volt|drive|source|(?<!s)amp|^u$|^v1$", "input"),
 )
-# Parts of the time of day: they are no record's clock, and `m` means minutes.
+# Units of the time of day: such columns are no clock of a record, and `m` means minutes.
 OF_THE_DAY = r"\b(?:minutes?|hours?|seconds?|days?|minuten?|stunden?|sekunden?)\b"
-# Words in names of times that are not a date.
+# Words in names of time columns that are not a date.
 ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"
 AXES = re.compile(r"(?:^|(?<=[\W_\d])|(?<=[a-z](?=[XYZ])))[xyzXYZ](?![^\W_])")
 AXES_IN_SPACE = 3
 TURNED = r"angle|rotation|twist|torque|moment"  # words in names of quantities of torsion
-# A channel is preferred to an earlier one of the same quantity if it is so many times stronger.
+# A later channel of a quantity is preferred to an earlier one if it is stronger by this factor.
 STRONGER = 3.0
 MOST_SAMPLES = 4_000_000  # largest number of samples of a channel whose values are examined
 MOST_RADIANS = 7.0
@@ -85,7 +85,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
     for path, leaf in rest:
         role = _by_unit(leaf)
         others = [other_leaf for _, other_leaf in rest if _by_unit(other_leaf) == role]
-        # If there are several voltages, none of them is known to be the source.
+        # If there are several voltages, none of them can be identified as the source.
         is_new = role not in named or named[role][0].path in by_unit
         if role and is_new and not (role == "input" and len(others) > 1):
             # A voltage may stem from any sensor, whereas other units show the measured quantity.
@@ -107,7 +107,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         roles = _of_amplitudes(roles)
     unanswered = roles.keys().isdisjoint(RESPONSES)
     if unanswered and {"frequency", "phase", "force", "input"} <= set(roles):
-        # With a force and a phase in the file, an amplitude is that of the response.
+        # If the file has a force and a phase, an amplitude is that of the response.
         amplitude = roles.pop("input")
         role = next((r for r in RESPONSES if _fits(r, amplitude.unit)), "acceleration")
         roles[role] = amplitude._replace(default=si_unit(role))
@@ -146,7 +146,7 @@ def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
 
 def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
     """Return the quantity that a name or label indicates, with its channel; None if unknown."""
-    if plain(text) in ("ms", "us", "ns"):  # The name of the column is its unit.
+    if plain(text) in ("ms", "us", "ns"):  # The name of a column may be only its unit.
         return "time", Channel(path, plain(text), "s")
     by_name = [text] if text in ROLES else []
     by_name += [role for pattern, role in HINTS if re.search(pattern, text)]
@@ -171,7 +171,7 @@ def _fits(role: str, unit: str) -> bool:
 
 
 def _behind(text: str, role: str) -> str:
-    """Return the unit at the end of a name such as `disp_mm` or `frequency_Hz`, or ""."""
+    """Return the unit at the end of a name such as `disp_mm` or `frequency_Hz`, else ""."""
     for mark in range(len(text)):
         if text[mark] != "_" or mark == 0:
             continue
@@ -191,7 +191,7 @@ def _by_unit(leaf: Leaf) -> str:
 
 
 def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
-    """Return the first of several channels of one quantity, or one that is much stronger."""
+    """Return the likely channel of several for one quantity: the first, or a much stronger one."""
     exact = [channel for channel in channels if last_name(channel.path) in ROLES]
     channels = exact or channels
     if len(channels) == 1:

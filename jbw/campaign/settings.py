@@ -159,7 +159,7 @@ class Identify(FileTable):
 
     @classmethod
     def of(cls, stated: "Identify | Mapping[str, Any]") -> "Identify":
-        """Return the [identify] settings, given as a record or as a mapping of keys.
+        """Return [identify] settings, whether given as a record or as a mapping of keys.
 
         Raises:
             ConfigError: The [identify] table does not accept a key or value.
@@ -211,7 +211,7 @@ class Structured(FileTable):
 
     @classmethod
     def of(cls, stated: "Structured | Mapping[str, Any] | None") -> "Structured | None":
-        """Return the [structure] settings, given as a record or a mapping; None for one mode.
+        """Return [structure] settings, given as a record or as a mapping; None for one mode.
 
         Raises:
             ConfigError: The [structure] table does not accept a key or value.
@@ -253,7 +253,7 @@ class Structured(FileTable):
 def structure_errors(
     structure: Structured | None, tests: Iterable[Any], points: Iterable[str] = ()
 ) -> Iterator[str]:
-    """Yield an error for each test at an unknown point, or of a kind that supports only one mode.
+    """Yield an error for each test at an unknown point, or of a kind that allows only one mode.
 
     `points` are the points defined with a model's matrices.
     """
@@ -374,7 +374,7 @@ def _out_of_bounds(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator
 
 
 def _too_stiff(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str]:
-    """Yield an error for each prior that lets a joint be as stiff as the structure, omega_n^2."""
+    """Yield an error for each prior that allows a joint to be as stiff as the structure."""
     least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
     shares = {
         name: highest

@@ -13,9 +13,9 @@ from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, SOURCES, si_of
 from jbw.quantities import FED
 
-# largest relative error of a clock [ppm]; a larger one would be another sampling rate
+# largest relative error of a clock [ppm]; a larger error would be another sampling rate
 MOST_PPM = 1e4
-NAN = float("nan")  # default of numbers that are not stated
+NAN = float("nan")  # default of a number that is not stated
 
 
 class Instruments(NamedTuple):
@@ -60,7 +60,7 @@ class Head(FileTable):
     @property
     def instruments(self) -> "Instruments":
         """The stated errors of clock and calibration."""
-        # The channel of a base is stored as a force per mass, under the role `input`.
+        # The base's channel is stored as a force per mass, as `input`.
         by_role = {"input" if role == BASE else role: x for role, x in self.gain_std.items()}
         return Instruments(self.fs_std or 0.0, by_role)
 
@@ -301,7 +301,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
     if traits.is_stepped and not test.dwell > 0:
         yield "dwell: missing; kind `stepped` needs the duration of each step [s]."
-    if test.settle >= test.dwell:  # This is False if dwell is not given, because it is NaN then.
+    if test.settle >= test.dwell:  # If dwell is not given, it is NaN and the comparison is False.
         yield f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
 
 
@@ -335,8 +335,8 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     prescribed = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_prescribed)
     if test.load_cell != "exact" and not test.traits.is_prescribed:
         yield f"load_cell: for kind {prescribed} only, where the force is measured."
-    # A transform spreads one bad sample over all frequencies, and a simulation needs its whole
-    # input; only a curve can omit lines.
+    # A transform spreads one bad sample over all frequencies, and a simulation needs the whole
+    # input; therefore only a curve may omit points.
     if not is_curve and test.gaps == "mask":
         yield (
             f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "

@@ -12,12 +12,12 @@ from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record
 from jbw.report.messages import campaign_faults as messages
 
-# smallest ratio of two levels, and of two records, that is too large for imprecise control
+# ratio of two levels, and of two records, from which imprecise control is no explanation
 APART = 1.5
 
 
 def named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
-    """Yield the tests with unique names, made from kind and level if none is given."""
+    """Yield the tests with unique names; a test without a name is named by its kind and level."""
     names = {test.name for test in tests}
     for test in tests:
         base = test.kind if np.isnan(test.level) else f"{test.kind} {test.level:g}"
@@ -43,7 +43,7 @@ def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
 
 
 def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
-    """Yield an error if tests are of several assemblies but [assembly] describes only one."""
+    """Yield an error if tests belong to several assemblies but [assembly] describes only one."""
     names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
     if len(names) > 1 and list(assembly.keys()):
         yield messages.several_assemblies(len(names), sorted(map(str, names)))
@@ -79,7 +79,8 @@ class Level(NamedTuple):
     """The level of a test, and the rms values of its first record."""
 
     test: str
-    alike: tuple[str, ...]  # kind and channels of the test; only tests with equal ones are compared
+    # kind and channels of the test; only tests that agree in both are compared
+    alike: tuple[str, ...]
     role: str  # quantity that drives the test
     level: float
     source_rms: float

@@ -26,11 +26,11 @@ from jbw.measurement.steady_lines import without_lines
 from jbw.report.messages import remedies
 
 LINE = re.compile(r"`((\w+) = [^`]+)`")
-# Keys that are part of the examination and leave the samples unchanged.
+# Keys that only affect the examination and leave the samples unchanged.
 STATED = {"settle", "band", "delay", "load_cell"}
 OR = ", or "  # text that separates the alternatives of a remedy
-# Largest difference of two modes: of damping, relative; of frequency, over the half-power width.
-# Correct remedies of simulated faults leave less than 0.13, wrong ones 0.18 or more.
+# Largest difference of two modes: of the damping, relative; of the frequency, over the half-power
+# width. Correct remedies of simulated faults give less than 0.13, wrong remedies 0.18 or more.
 ALIKE = 0.15
 
 Look = Callable[[Record, TestSpec], Sequence[Fault]]
@@ -114,7 +114,7 @@ def _cures(
 
 
 def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) -> bool:
-    """Return whether a corrected record has the mode [Hz, -] fitted together with its fault.
+    """Return whether a corrected record has the mode [Hz, -] that was fitted with its fault.
 
     A part of a record (`span`) has other amplitudes, at which a joint has another mode; any reading
     is accepted then.
@@ -127,7 +127,7 @@ def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) ->
 
 
 def _of_parts(kept: Sequence[str], parts: Sequence[str]) -> str:
-    """Return a remedy reduced to the parts that work; unchanged if all of them do."""
+    """Return a remedy with only those alternatives that work; unchanged if all of them do."""
     if not kept:
         return remedies.NO_LINE
     remedy = OR.join(kept).removesuffix(".") + "." * parts[-1].endswith(".")
@@ -160,7 +160,7 @@ def _scaled(record: Record, factors: Mapping[str, float]) -> Record:
     return replace(record, channels=channels)
 
 
-# Change that each key of a campaign file makes to a record which was read without it.
+# Change that each key of a campaign file causes in a record that was read without the key.
 CHANGES: Mapping[str, Change] = {
     "span": _cut,
     "window_s": _without_window,

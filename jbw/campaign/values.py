@@ -25,18 +25,18 @@ from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import ROLES, SENSITIVITIES, sensitivity_of, si_of
 from jbw.report.messages.campaign_faults import decimal_points
 
-ALL = "all"  # the word that stands for all repeats
-# Escapes such as \t that TOML reads in a Windows path, and the path that was meant.
+ALL = "all"  # word that means all repeats
+# Escapes such as \t to which TOML converts parts of a Windows path, and the original text.
 ESCAPES = {"\a": "/a", "\b": "/b", "\t": "/t", "\n": "/n", "\f": "/f", "\r": "/r", "\x1b": "/e"}
 Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 
 
 @dataclass(frozen=True)
 class OneOf:
-    """A type for the names in a register, which may grow after import."""
+    """A type for names in a register, which may grow after import."""
 
-    known: Callable[[], Iterable[str]]  # called at each check, because more names may be registered
-    otherwise: str = ""  # a sentence on what the user may have meant
+    known: Callable[[], Iterable[str]]  # a function, because more names may be registered later
+    otherwise: str = ""  # an additional sentence for the error on an unknown name
 
     def check(self, value: Any) -> str:
         """Return the name if it is registered; raise a ValueError otherwise."""
@@ -68,7 +68,7 @@ def number(value: Any) -> int | float:
         raise ValueError(f"must be a number, but is {value!r}.")
     try:
         finite = isfinite(value)
-    except OverflowError:  # The text is a whole number of hundreds of digits.
+    except OverflowError:  # The text is an integer of hundreds of digits.
         finite = False
     if not finite:
         raise ValueError(f"must be finite, but is {value}.")
@@ -76,7 +76,7 @@ def number(value: Any) -> int | float:
 
 
 def whole(least: int) -> Callable[[Any], int]:
-    """Return a function that checks for a whole number of at least `least`."""
+    """Return a function that checks for an integer of at least `least`."""
 
     def check(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
@@ -141,7 +141,7 @@ def prior(value: Any) -> tuple[float, float]:
 
 
 def unequal(value: Any) -> tuple[Any, ...]:
-    """Return a list of numbers if no two are equal."""
+    """Return a list of numbers if all numbers differ."""
     if len(set(numbers(value))) < len(value):
         raise ValueError(f"must not repeat a frequency, but is {list(value)}.")
     return tuple(value)
@@ -160,7 +160,7 @@ def modes(value: Any) -> tuple[Any, ...] | int:
 
 
 def lag(value: Any) -> float:
-    """Return a phase between -180 and 0 degrees, the range of a driven response."""
+    """Return a phase if it lies between -180 and 0 degrees, as that of a driven response."""
     if not -180 < number(value) < 0:
         raise ValueError(
             f"must lie between -180 and 0, -90 at phase resonance, but is {value!r}; the "

@@ -10,7 +10,7 @@ CAMPAIGN = "Campaign file", "Write one with: jbw init FOLDER"
 
 
 def is_campaign(path: Path) -> bool:
-    """Return whether a path is named like a campaign file."""
+    """Return whether a path has the name of a campaign file."""
     return path.suffix.lower() == ".toml" and not path.is_dir()
 
 
