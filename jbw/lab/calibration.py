@@ -29,16 +29,16 @@ from jbw.run.netcdf import write_tree
 from jbw.study.store import Write, save_outputs, write_figure, write_json
 
 logger = logging.getLogger("jbw")
-OWN = "own"  # name of the step if the posterior is the user's own
+OWN = "own"  # name of the step if the user gives the posterior
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
 NOISES = ("unknown", "known")
-# For each step: the rig's short tests, the tests of a campaign, and the resulting posterior.
+# For each step: short tests of the rig, tests from a campaign, and the posterior.
 DESIGNS = {
     "third_order": (designs.probing, designs.probing_of, models.third_order),
     "opening": (designs.opening, designs.opening_of, models.opening),
     "joint": (designs.joint, designs.joint_of, models.joint),
 }
-# numbers of draws, of chains that start near a fit, and of chains that cross the whole prior
+# numbers of draws, of chains that start near a fit, and of chains that start anywhere in the prior
 SHORT = {"num_warmup": 30, "num_samples": 125}
 LONG = {"num_warmup": 500, "num_samples": 500}
 COUNTS = {
@@ -62,7 +62,7 @@ class Sbc:
 
     @property
     def result(self) -> StoredCalibration:
-        """The content of `record` in types."""
+        """The content of `record` as typed objects."""
         return StoredCalibration.read(self.record)
 
 
@@ -80,7 +80,7 @@ def sbc(
     prior: Prior | None = None,
     parts: Parts = unkept,
 ) -> Sbc:
-    """Draw truths from the prior, simulate, identify, and rank each truth in its posterior.
+    """Draw true values from the prior, simulate, identify, and rank each in its posterior.
 
     Your own posterior is calibrated with its `simulate`, `log_likelihood` and `prior`, all three;
     the samplers of jbw draw from it. The functions must be traceable by JAX, over many truths at
@@ -186,7 +186,7 @@ def _own_step(
     log_likelihood: LogLikelihood | None,
     prior: Prior | None,
 ) -> models.CalibratedStep | None:
-    """Return the user's own posterior if it is given completely; None if it is not given."""
+    """Return the user's posterior if it is given completely; None if it is not given."""
     if simulate is None and log_likelihood is None and prior is None:
         return None
     if simulate is None or log_likelihood is None or prior is None or campaign is not None:
@@ -222,9 +222,9 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
 
 
 def suited(step: models.CalibratedStep, name: str) -> tuple[Model, Sampler, Any]:
-    """Return a sampler with numbers of draws that suit a calibration by many posteriors."""
-    # If the model steps through time, or the sampler needs it, a least-squares fit finds the
-    # posterior first. All other samplers start from the whole prior, as they would in a campaign.
+    """Return a sampler with numbers of draws that suit a calibration of many posteriors."""
+    # A least-squares fit finds the posterior first if the model steps through time or the sampler
+    # needs it. All other samplers start from the whole prior, as in a campaign.
     sampler, model = sampler_named(name), step.model
     size = len(model.box.names)
     if sampler.needs_fit and model.search is None:
@@ -250,7 +250,7 @@ def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
     failed = calibration.failed.astype("int8")
     variables: dict[str, Any] = {"failed": ("replication", failed, {"units": "1"})}
     for i, name in enumerate(calibration.names):
-        # That table has `h3_18Hz` under the name of the kernel, h3.
+        # The kernel h3 has the name `h3_18Hz` in that table.
         stem = "h3" if name.startswith("h3_") else name
         unit = attrs_by_name.get(stem, {"units": "1"})["units"]
         below = {"long_name": messages.rank_below(name), "units": "1", "quantity_units": unit}

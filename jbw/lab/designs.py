@@ -35,21 +35,21 @@ from jbw.rig.presets import PRIOR, PROBING_HZ, TRUTH
 
 GAIN = rig.LABORATORY.gain
 REPEATS = 8
-# noise of the kernel for one repeat of 64 s with a laser noise of 1 mm/s [m^-2 s^6]
+# noise of the third-order kernel for one repeat of 64 s with a laser noise of 1 mm/s [m^-2 s^6]
 KERNEL_NOISE = 2.5e-10
-Y_PEAK = (7.00e-4, 7.10e-4, 7.25e-4, 7.30e-4, 7.40e-4)  # displacements at 9 N/kg [m]
+Y_PEAK = (7.00e-4, 7.10e-4, 7.25e-4, 7.30e-4, 7.40e-4)  # displacements at a force of 9 N/kg [m]
 VELOCITY_NOISE = 1e-3  # noise of the measured velocity [m/s]
 LEVELS = (0.05, 0.20)  # levels of the source [V]
 # sampling frequency [Hz], length of the sweep [s], number of samples
 FS, BURST, LENGTH = 256.0, 1.75, 512
 SWEPT_HZ = (10.0, 28.0)
 FADE = 0.25  # length of the fades at both ends [s]: an abrupt start is not band-limited
-LINES_HZ = (16.0, 21.6, 0.05)  # first line, last line, and spacing of lines [Hz]
-LINE_NOISE = 0.01  # noise of both components of a line combined, relative to the largest line
+LINES_HZ = (16.0, 21.6, 0.05)  # first and last spectral line, and spacing of lines [Hz]
+LINE_NOISE = 0.01  # noise of a complex spectral line, relative to the largest line
 
 
 class Design[Data: KernelData | Records](NamedTuple):
-    """The tests whose data are simulated; of their data only the prescribed quantities are used."""
+    """The tests whose data are simulated; of measured data, only prescribed quantities are used."""
 
     data: Data
     prior: Box  # prior of the inferred parameters
@@ -57,7 +57,7 @@ class Design[Data: KernelData | Records](NamedTuple):
 
 
 def probing(num_repeats: int = REPEATS) -> Design[KernelData]:
-    """Return tests for zeta, alpha and delta: five probing tones, with the paper's prior ranges."""
+    """Return tests for zeta, alpha and delta: five probing tones, prior ranges of Teloli et al."""
     size = len(PROBING_HZ)
     data = KernelData(
         omega=2 * np.pi * jnp.array(PROBING_HZ),
@@ -87,14 +87,14 @@ def _sweeping(noise_std: float) -> Records:
 
 
 def opening() -> Design[Records]:
-    """Return tests for gamma alone: both sweeps, with the paper's prior range."""
+    """Return tests for gamma alone: both sweeps, with the prior range of Teloli et al."""
     held = {name: value for name, value in truth().items() if name not in step4.NAMES}
     prior = box({name: PRIOR[name] for name in step4.NAMES})
     return Design(_sweeping(5 * VELOCITY_NOISE), prior, held)
 
 
 def joint() -> Design[Records]:
-    """Return tests for all parameters: both sweeps, with the paper's prior ranges.
+    """Return tests for all parameters: both sweeps, with the prior ranges of Teloli et al.
 
     The prior ranges of omega_n extend 1 % to both sides, those of the gain 5 %.
 
@@ -107,7 +107,7 @@ def joint() -> Design[Records]:
 
 
 def lines() -> tuple[FRF, Box]:
-    """Return lines of an FRF about the resonance without leakage, and the prior of Step 2."""
+    """Return spectral lines of an FRF around the resonance without leakage, and Step 2's prior."""
     first, last, spacing = LINES_HZ
     freq = np.arange(first, last, spacing)
     omega_n, zeta = truth()["omega_n"], truth()["zeta"]
@@ -124,13 +124,13 @@ def lines() -> tuple[FRF, Box]:
 
 
 def truth() -> dict[str, float]:
-    """Return the parameters of the rig, which are the paper's Table 1, with the rig's gain."""
+    """Return the parameters of the rig: Table 1 of Teloli et al., with the gain of the rig."""
     parameters = as_oscillator(TRUTH).parameters()
     return {**{name: float(value) for name, value in parameters.items()}, "gain": GAIN}
 
 
 def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
-    """Return a campaign's tests for its Step 3: tones, displacements, noise and prior."""
+    """Return what Step 3 of a campaign uses: tones, displacements, noise and prior."""
     report(stages.design(3))
     fitted = _kernel_fit(campaign, _linear(campaign))
     counts = np.unique(np.asarray(fitted.data.num_repeats)).astype(int)
@@ -143,7 +143,7 @@ def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
 
 
 def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Return a campaign's tests for its Step 4: sweeps, noise, prior; Steps 2 and 3 are fixed."""
+    """Return what Step 4 of a campaign uses: sweeps, noise, prior, and results of Steps 2 and 3."""
     report(stages.design(4))
     sweeps = sweep_tests(campaign.tests, campaign.settings)
     if sweeps is None:

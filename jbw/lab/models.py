@@ -47,19 +47,19 @@ from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.integrator import Specimen, State, doubles, runge_kutta
 from jbw.rig.law_forces import forces_of
 
-WHERE = 0.55  # part of a record after which a sweep has just passed the resonance
-LOT = 100  # number of replications of Step 2 between two progress messages
+WHERE = 0.55  # fraction of a record after which a sweep has just passed the resonance
+LOT = 100  # number of replications of Step 2 per progress message
 DRAWS = (4, 250)  # numbers of chains and of draws per chain in Step 2
 NUM_RANKS = 100  # number of ranks in Step 2
 STEPS = 8  # number of Runge-Kutta steps between two samples
 
 
 class CalibratedStep(NamedTuple):
-    """A step of the procedure with everything that its calibration needs."""
+    """A step of the procedure with all that its calibration needs."""
 
     model: Model  # posterior, simulator, quantities, and the least-squares search for the posterior
     batch: int  # number of replications that run in parallel
-    sampler: str  # fastest sampler that finds all of this posterior from anywhere in the prior
+    sampler: str  # fastest sampler that finds the whole posterior from anywhere in the prior
     stepped: bool = False  # whether an evaluation steps through time, which is expensive
 
 
@@ -110,7 +110,7 @@ def _with_held(theta: Theta, design: Design[Records]) -> Theta:
 
 
 def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
-    """Return the response at the last level at one time, shortly after the resonance."""
+    """Return the response to the highest level at one time, shortly after the resonance."""
     records = cast(Records, data.parts[0])
     at = round(WHERE * records.source.shape[-1])
     return records.predict({**data.held, **theta})[-1, at]
@@ -160,11 +160,12 @@ def calibrate_linear(
 def _line_replication(
     key: Key[Array, ""], design: FRF, prior: Box
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
-    """Return the quantities at the true values and at the draws, and whether the fit succeeded."""
+    """Return the quantities at the true values and at the draws, and whether the fit converged."""
     rng = generator(key)
     point = from_unit(rng.uniform(size=3), prior)
     theta = np.array([float(point[name]) for name in NAMES])
-    # The formula is repeated, since a call of the likelihood would hide an error in its formula.
+    # The formula is repeated here, because a call of the likelihood would hide an error of its
+    # formula.
     omega_n, zeta, gain = theta
     stiffness = omega_n**2 - design.omega**2 + 2j * zeta * omega_n * design.omega
     # Real and imaginary part each have half of the variance.

@@ -51,7 +51,7 @@ class Comparison:
 
     @cached_property
     def result(self) -> StoredSamplers:
-        """The content of `record` in types."""
+        """The content of `record` as typed objects."""
         return StoredSamplers.read(self.record)
 
 
@@ -188,7 +188,7 @@ def _drawn(
     )  # fmt: skip
     target = Target(posterior.log_likelihood, posterior.box, posterior.data)
     supervision = Supervision(progress=lambda so_far: watch(sampler, so_far))
-    # A second call of an exact sampler would return the same.
+    # An exact sampler would return the same result in a second call.
     exact = entry.most_parameters is not None
     calls, seconds = jax.random.split(key)[: 2 if twice and not exact else 1], []
     for key in calls:
@@ -268,7 +268,7 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
     # The import takes a second and is needed only here.
     from arviz_stats.base.array import array_stats
 
-    # The annotations of this function include tuples, which it never returns here.
+    # The annotations of this function allow tuples, which it never returns here.
     stats: Any = array_stats
     row = {"mean": np.mean(draws), "sd": np.std(draws, ddof=1)}
     row |= {name: np.quantile(draws, probability) for name, probability in QUANTILES.items()}
@@ -297,14 +297,14 @@ def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
 
 
 def worst_ess(rows: Mapping[str, Row]) -> float | None:
-    """Return the smallest effective sample size, of bulk and tail, over all parameters."""
+    """Return the smallest effective sample size (bulk or tail) of all parameters."""
     sizes = [row[kind] for row in rows.values() for kind in ("ess_bulk", "ess_tail")]
     available = [value for value in sizes if value is not None]
     return min(available) if available and len(available) == len(sizes) else None
 
 
 def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
-    """Return the sampler with the largest effective size, if possible one whose chains agree."""
+    """Return the sampler with the most effective draws, preferably one whose chains agree."""
 
     def agrees(sampler: str) -> bool:
         r_hats = [row["r_hat"] for row in rows[sampler].values()]
