@@ -15,14 +15,15 @@ from jbw.verification.bands import band, within
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-NUM_TRIED = 64  # number of draws, by density, of which one must have its backbone within the bands
+# number of most probable draws among which one with its backbone inside the bands is searched
+NUM_TRIED = 64
 ROUNDING = 1e-12  # relative tolerance for a band of zero width
 
 Bands = Mapping[str, NDArray[np.float64]]
 
 
 class ProductDraws(NamedTuple):
-    """A product of the parameters, which weak motion determines, at every draw.
+    """The values of a product of parameters, which weak motion determines, at every draw.
 
     Attributes:
         name: Name of the product, such as `alpha_delta`.
@@ -105,7 +106,7 @@ def backbone_within(
 
 
 def picked(draws: Draws, numbers: NDArray[np.intp] | list[int]) -> Draws:
-    """Return the draws of a posterior with the given numbers."""
+    """Return the draws with the given numbers."""
     return {name: values[numbers] for name, values in draws.items()}
 
 

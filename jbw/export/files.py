@@ -156,12 +156,12 @@ def write_joints(
 
 
 def _as_fields(by_name: Mapping[str, Any]) -> dict[str, Any]:
-    """Rename entries for MATLAB: `alpha@bolt_1` becomes `alpha_at_bolt_1`."""
+    """Return entries with names that MATLAB accepts: `alpha@bolt_1` becomes `alpha_at_bolt_1`."""
     return {name.replace(AT, "_at_"): value for name, value in by_name.items()}
 
 
 def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
-    """Return the notes on the files of an export, such as on a missing compiler."""
+    """Return notes on the files of an export, such as that no compiler was found."""
     compiled = any(program.name.startswith("fmi") for program in programs)
     if not compiled or compiler() is not None:
         return ()

@@ -18,8 +18,8 @@ from jbw.verification.predictive_basis import Draws, Laws
 
 PARTS = (0.25, 0.5, 1.0)  # amplitudes of the loops, relative to the largest displacement
 NUM_PHASES = 100  # number of points of half a loop
-REACH = 2.0  # range of the sliders that represent a law, in multiples of the largest displacement
-# number of points of a skeleton curve without its origin: Ansys takes twenty in all
+REACH = 2.0  # range of the sliders that represent a law, relative to the largest displacement
+# number of points of a skeleton curve besides its origin: Ansys accepts twenty in all
 NUM_POINTS = 19
 
 Table = dict[str, NDArray[np.float64]]
@@ -34,7 +34,7 @@ def linear_parts(theta: Mapping[str, float], laws: Laws, mass: float) -> dict[st
 
 # -- curves ----------------------------------------------------------------------------------------
 def skeletons(draws: Draws, y_max: float, laws: Laws, mass: float) -> list[Table]:
-    """Return each draw's force-displacement curve, with an equivalent spring and dashpot.
+    """Return each draw's force-displacement curve, with equivalent spring and dashpot.
 
     `tip_force_n` is at the tips of steady loops, `virgin_force_n` on the first loading from rest;
     both are of spring and laws without dampers. `stiffness_n_m` and `damping_ns_m` are a spring and
@@ -73,8 +73,8 @@ def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
     half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
     down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
     even = carry(_even_force, one, jnp.asarray(half), laws)[0]
-    # For loading, the unloading curve is turned about the origin, except for even forces; its end
-    # closes the loop.
+    # The loading curve is the unloading curve turned about the origin, except for even forces; its
+    # end closes the loop.
     y = np.concatenate([half, -half, half[:, :1]], axis=1)
     force = np.concatenate([down, 2.0 * even - down, down[:, :1]], axis=1)
     around = np.repeat(peaks, y.shape[1])
@@ -122,14 +122,14 @@ def materials_of(
 
 
 def _in_parallel(sliders: Sliders, mass: float) -> tuple[Material, ...]:
-    """Return OpenSees materials for a law's sliders and its spring that does not slip."""
+    """Return OpenSees materials for the sliders of a law and its spring that never slips."""
     pairs = zip(sliders.stiffness, sliders.slip, strict=True)
     slipping = (Material("ElasticPP", (mass * float(k), float(slip))) for k, slip in pairs)
     return Material("Elastic", (mass * sliders.spring,)), *slipping
 
 
 def error_of_sliders(law: Masing, y_max: float) -> float:
-    """Return the sliders' largest relative error of the loss of cycles from 10 % of `y_max`."""
+    """Return the largest relative error of the sliders' loss per cycle from 10 % of `y_max` on."""
     peaks = y_max * np.linspace(0.1, 1.0, 10)
     exact = np.pi * peaks**2 * np.asarray(jax.vmap(lambda y: law.loop(y).damping)(peaks))
     return float(np.max(np.abs(lost_by(sliders_of(law, REACH * y_max), peaks) / exact - 1.0)))

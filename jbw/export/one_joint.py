@@ -43,9 +43,9 @@ from jbw.verification.predictive_basis import (
 NUM_DRAWS = 1000  # number of draws from which the bands of the backbone are computed
 NUM_AMPLITUDES = 100
 MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
-NAMES = ("frequency", "damping", "force")  # quantities of which the backbone consists
+NAMES = ("frequency", "damping", "force")  # quantities in a table of the backbone
 COLUMNS = ("frequency_hz", "damping_ratio", "force_n")
-# Parameters of the whole joint in addition to those of its laws.
+# Parameters of the whole joint, in addition to the parameters of its laws.
 LINEAR = (
     Quantity("mass", "m", "kg", "modal mass", 0.0),
     Quantity("spring", "k", "N/m", "stiffness of the spring parallel to the laws"),
@@ -184,7 +184,7 @@ def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[i
 
 
 def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Export:
-    """Return an export in which another draw represents the joint."""
+    """Return an export in which the draw with a given number represents the joint."""
     theta = {name: float(values[0]) for name, values in draw.items()}
     laws, mass = result.laws, result.mass
     return replace(
@@ -199,7 +199,7 @@ def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Expor
 
 
 def every_draw(basis: Basis) -> Draws:
-    """Return all draws of the main posterior, with fixed parameters, without the source's gain."""
+    """Return all draws of the main posterior and fixed parameters, without the source's gain."""
     sizes = basis.posterior.sizes
     draws = basis.thinned(max(2, sizes["chain"] * sizes["draw"]))
     draws.pop("gain", None)
@@ -305,7 +305,7 @@ def parameter_row(
 
 
 def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[str, Conversion]:
-    """Return the oscillator's parameters in other conventions that exist for its single law."""
+    """Return the parameters in other conventions, if these describe the joint's single law."""
     joint = oscillator_of(theta, laws)
     if len(joint.laws) != 1:
         return {}

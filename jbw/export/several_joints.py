@@ -45,7 +45,8 @@ from jbw.verification.predictive_basis import Basis, Draws, Laws, basis_of, coun
 SI = "SI"
 UNIT_MASS = 1.0  # The laws of several joints are in newtons, not divided by a modal mass.
 FACTOR = LINEAR[0]._replace(unit="1", meaning=messages.LAW_FACTOR)
-BACKBONE_NAMES = NAMES[:2]  # Force is left out, since it belongs to one point of the structure.
+# The force is left out, because it belongs to one point of the structure.
+BACKBONE_NAMES = NAMES[:2]
 
 
 class JointCard(NamedTuple):
@@ -248,7 +249,7 @@ def _largest_motion(draws: Draws, name: str, tree: xr.DataTree) -> tuple[float, 
 def _exports(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits, reach: float, hz: float
 ) -> list[Export]:
-    """Return one joint's exports at every draw, as oscillators of unit mass in given units."""
+    """Return exports of one joint for every draw, as oscillators of unit mass in given units."""
     laws = tuple(split(name)[0] for name in names)
     plain, quantities = _plain(draws, model_joint, names, units)
     peak = float(units.value(reach, "m"))
@@ -283,7 +284,7 @@ def _exports(
 def _plain(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits
 ) -> tuple[Draws, tuple[Quantity, ...]]:
-    """Return a joint's law parameters in given units by names without the joint; their table."""
+    """Return a joint's law parameters in given units, without the joint in their names; table."""
     count = count_of(draws)
     values: Draws = {
         "omega_n": np.full(count, np.sqrt(units.value(model_joint.stiffness, "N/m"))),
@@ -305,7 +306,7 @@ def _plain(
 
 
 def _losing_at(skeleton: Table, hz: float, time: float) -> Table:
-    """Return a force-displacement table whose dashpot has the joint's loss at a given frequency.
+    """Return a force-displacement table whose dashpots lose as much as the joint at a frequency.
 
     The values of the table are in a system whose unit of time has `time` seconds.
     """
@@ -325,7 +326,7 @@ def _modal(theta: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 # -- words and tables ------------------------------------------------------------------------------
 def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
-    """Yield sentences on each mode's fully stuck frequency: identified, and from the matrices."""
+    """Yield sentences on each mode's fully stuck frequency: as identified, and by the matrices."""
     model_hz = tree["joints"].to_dataset()["frequency_hz"].values
     pairs = zip(_modal(draw)[::2], _modal(draw)[1::2], model_hz, strict=True)
     for i, (omega, zeta, hz) in enumerate(pairs, start=1):
@@ -336,7 +337,7 @@ def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
 
 
 def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
-    """Yield a sentence on each joint's motion and stiffness; note joints without a law."""
+    """Yield a sentence on where each joint acts and its stiffness; note joints without a law."""
     by_name = {card.name: card for card in cards}
     for model_joint in assembly.joints:
         units = joint_units(assembly.units, rotates=rotates(model_joint.terms))
@@ -375,7 +376,7 @@ def _parameters(
 
 
 def _loops(cards: Sequence[JointCard]) -> Mapping[str, Sequence[Any]]:
-    """Return the steady loops of all joints in SI, in one table one below the other."""
+    """Return the steady loops of all joints in SI, one below the other in one table."""
     names = ("joint", "motion_peak", "motion", "force")
     columns: dict[str, list[Any]] = {name: [] for name in names}
     for card in cards:

@@ -31,7 +31,7 @@ def _code(folder: Path, result: Export) -> Paths:
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the element's properties, to be included in an input file."""
+    """Write the properties of the user element, to be included in an input file."""
     return (write_text(folder / "joint.inp", "abaqus/joint.inp", result, **_facts(result)),)
 
 
@@ -58,7 +58,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _require_one_element(result: JointsExport) -> None:
-    """Raise an error if joints have different laws: an Abaqus job has one user subroutine."""
+    """Raise an error if joints have different laws: Abaqus accepts one user subroutine per job."""
     require_nodes(result)
     first = result.cards[0]
     for card in result.cards:

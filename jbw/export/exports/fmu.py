@@ -36,7 +36,7 @@ from jbw.report.messages import study as messages
 
 DESCRIPTION = messages.FMU
 COMPILERS = ("cc", "gcc", "clang")
-# Folder of the binaries by version and system, with the suffix of shared libraries.
+# Folder of the compiled code for each version and system, with the suffix of shared libraries.
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
 MACHINES = {"x86_64": "x86_64", "amd64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 BASE = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {}, "1": {},
@@ -55,7 +55,7 @@ class Variable(NamedTuple):
 
 
 def _code(version: int, folder: Path, result: Export) -> Paths:
-    """Write the FMU; without a compiler it contains only sources, which importers can compile."""
+    """Write the FMU; without a compiler it contains source code, which importers can compile."""
     parameters = parameters_of(result)
     facts: dict[str, Any] = {"forms": forms_of("c/laws", result), "description": DESCRIPTION}
     facts["memory"] = sum(form.memory for form in facts["forms"])
@@ -78,7 +78,7 @@ def _code(version: int, folder: Path, result: Export) -> Paths:
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the parameters as an SSP parameter set, which importers use in place of the FMU's."""
+    """Write the parameters as an SSP parameter set, which importers use for the FMU's values."""
     parameters = parameters_of(result)
     more = {"description": DESCRIPTION, "units": units_of(parameters)}
     return (write_text(folder / "joint.ssv", "fmu/joint.ssv", result, **more),)
@@ -108,7 +108,7 @@ def _each_joint(
 
 
 def _any(result: JointsExport) -> None:
-    """Accept any joint: an FMU contains no nodes and no other joints."""
+    """Accept any joint: an FMU needs no nodes and no information on other joints."""
 
 
 def _variables(parameters: Iterable[Parameter], result: Export) -> Iterable[Variable]:
@@ -130,7 +130,7 @@ def units_of(variables: Iterable[Variable | Parameter]) -> list[Mapping[str, Any
 
 
 def base_powers(unit: str) -> dict[str, int]:
-    """Return the powers of kg, m and s in a unit as jbw writes it, such as `1/(m s^2)`."""
+    """Return the powers of kg, m and s in a unit in the notation of jbw, such as `1/(m s^2)`."""
     powers = {"kg": 0, "m": 0, "s": 0}
     above, _, below = unit.partition("/")
     for part, sign in ((above, 1), (below.strip("()"), -1)):
@@ -151,7 +151,7 @@ def binary(version: int) -> str:
 
 
 def compiler() -> list[str] | None:
-    """Return the C compiler command, from variable CC or the system; None if there is none."""
+    """Return the command of a C compiler, from variable CC or the system; None without one."""
     named = shlex.split(os.environ.get("CC", ""))
     commands = [named] if named else [[name] for name in COMPILERS]
     return next((command for command in commands if shutil.which(command[0])), None)

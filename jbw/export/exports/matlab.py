@@ -7,7 +7,7 @@ from jbw.export.one_joint import Export
 
 
 def _code(folder: Path, result: Export) -> Paths:
-    """Write the step function, which takes any parameters of the laws."""
+    """Write the function that advances the joint by one time step; it takes parameters as input."""
     forms = forms_of("matlab/laws", result)
     facts = {"forms": forms, "memory": sum(form.memory for form in forms)}
     return (write_text(folder / "joint_step.m", "matlab/joint_step.m", result, **facts),)

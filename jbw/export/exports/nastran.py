@@ -19,11 +19,11 @@ from jbw.export.one_joint import Export
 from jbw.export.several_joints import JointsExport
 from jbw.report.messages import study as messages
 
-FORCE, DAMPING = 1, 2  # numbers of the tables of force and damping of a single joint
+FORCE, DAMPING = 1, 2  # numbers of the tables of force and damping if there is a single joint
 
 
 class JointTables(NamedTuple):
-    """One of several joints in a Nastran file, with its tables.
+    """The nodes and tables of one joint, if a Nastran file contains several joints.
 
     Attributes:
         nodes: Nodes of the joint.
@@ -82,7 +82,7 @@ def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[st
 
 
 def _linear(result: Export) -> tuple[str, str]:
-    """Return the stiffness at rest, and a dashpot of equal loss at the largest displacement."""
+    """Return the stiffness at rest, and a dashpot with equal loss at the largest displacement."""
     table = result.skeleton
     return _field(table["stiffness_n_m"][0]), _field(table["damping_ns_m"][-1])
 

@@ -26,7 +26,7 @@ JOINT_TAG = 1  # tag of the material that represents the whole joint
 
 
 class JointLines(NamedTuple):
-    """One of several joints in an OpenSees file, as commands.
+    """The OpenSees commands of one joint, if a file contains several joints.
 
     Attributes:
         nodes: Nodes of the joint.
@@ -63,7 +63,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _notes(result: Export, unit: str = "m") -> Iterator[str]:
-    """Yield a note on the range and accuracy of the sliders of each law that sliders represent."""
+    """Yield, for each law represented by sliders, a note on range and accuracy of the sliders."""
     for law in oscillator_of(result.joint, result.laws).laws:
         if law.depth:
             error = 100.0 * error_of_sliders(law, result.y_max)  # pyright: ignore[reportArgumentType]

@@ -17,7 +17,7 @@ from jbw.export.several_joints import JointCard, JointsExport
 from jbw.oscillator.laws import FAMILIES, law_named, quantities_of
 from jbw.oscillator.laws.stretch_path import UNIT_RULE
 
-TABLES = "nastran, ansys, code_aster"  # programs that can represent any law
+TABLES = "nastran, ansys, code_aster"  # programs that can represent any law, by tables
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.export.exports"),
     autoescape=jinja2.select_autoescape(("xml", "html", "ssv")),
@@ -39,7 +39,7 @@ def _any_law(result: Export) -> tuple[str, ...]:
 
 
 def no_code(folder: Path, result: JointsExport) -> Paths:
-    """Write no files, for a program in which all files depend on the draw."""
+    """Write no files: used for a program in which every file depends on the draw."""
     return ()
 
 
@@ -89,7 +89,7 @@ class Parameter(NamedTuple):
 
 
 class Form(NamedTuple):
-    """The template of a law's exact step in another language.
+    """The template of the exact time step of a law in another language.
 
     Attributes:
         name: Name of its function, that of the law or of the law's family.
@@ -119,7 +119,7 @@ def require_law(program: Program, result: Export) -> None:
 
 
 def parameters_of(result: Export) -> tuple[Parameter, ...]:
-    """Return the exported parameters: mass, spring and dashpot next to the laws, then the laws'."""
+    """Return the exported parameters: mass, spring and dashpot, then those of the laws."""
     quantities = result.quantities or (*LINEAR, *quantities_of(result.laws))
     values = {**result.linear, **result.joint}
     return tuple(Parameter(q.name, values[q.name], q.unit, q.meaning) for q in quantities)
@@ -170,7 +170,7 @@ def _numbered(card: JointCard) -> Iterator[tuple[int, int, float]]:
 
 
 def require_nodes(result: JointsExport) -> None:
-    """Raise an error if joints are at nodes without numbers, which a program needs.
+    """Raise an error if a joint lies at nodes without numbers, which a program needs.
 
     Raises:
         ConfigError: A degree of freedom has no number.
@@ -211,18 +211,18 @@ def takes_joints(program: Program, result: JointsExport) -> bool:
 
 # -- laws in closed code ---------------------------------------------------------------------------
 def family_of(law: str) -> str:
-    """Return the name of a law's family, such as `jenkins` for `jenkins_3`, or of the law."""
+    """Return the name of a law without its number, such as `jenkins` for `jenkins_3`."""
     root = re.sub(r"_\d+$", "", law)
     return root if root in FAMILIES else law
 
 
 def forms_of(folder: str, result: Export) -> tuple[Form, ...]:
-    """Return the templates of a joint's laws for a simulation program, in its language."""
+    """Return the templates of a joint's laws in the language of a simulation program."""
     return tuple(_form(folder, law, result) for law in result.laws)
 
 
 def without_form(folder: str) -> Callable[[Export], tuple[str, ...]]:
-    """Return a function that lists a joint's laws without a template in a language."""
+    """Return a function that lists the laws of a joint that have no template in a language."""
     forms = {Path(name).stem for name in ENVIRONMENT.list_templates() if name.startswith(folder)}
     return lambda result: tuple(law for law in result.laws if family_of(law) not in forms)
 
@@ -261,7 +261,7 @@ def commented(lines: Iterable[str], mark: str) -> str:
 
 
 def mirrored(table: Table, column: str, *, odd: bool) -> Iterable[float]:
-    """Yield a skeleton curve's displacements and values alternately, from -Y to Y."""
+    """Yield displacements and values of a skeleton curve in turn, from -Y to Y."""
     y, x = table["displacement_m"], table[column]
     middle = 0.0 if odd else x[0]
     xs = (*(-x[::-1] if odd else x[::-1]), middle, *x)
@@ -270,7 +270,7 @@ def mirrored(table: Table, column: str, *, odd: bool) -> Iterable[float]:
 
 
 def number(value: Any) -> str:
-    """Return a number with all digits, as C, MATLAB, Modelica and Fortran read it."""
+    """Return a number with all digits in a form that C, MATLAB, Modelica and Fortran can read."""
     return repr(float(value))
 
 
@@ -291,5 +291,5 @@ ENVIRONMENT.filters |= {
     "wrapped": wrapped,
     "modelica": in_modelica,
 }
-# Nodes and weights on [0, 1] for the law whose force is an integral.
+# Nodes and weights of the quadrature on [0, 1] for the law whose force is an integral.
 ENVIRONMENT.globals["legendre"] = tuple(zip(*(x.tolist() for x in UNIT_RULE), strict=True))
