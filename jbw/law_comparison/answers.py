@@ -18,24 +18,26 @@ from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.report.messages import laws
 from jbw.results.laws import StoredLaw, StoredLaws, StoredSharedRuns
 
-FEWEST_RUNS = 5  # number of runs from which on the standard error of differences is reliable
-APART = 2.0  # number of standard errors by which the scores of distinguished laws differ
-# A score with poor weights may be off by this multiple of its difference to the score of fits.
+# smallest number of runs for which the standard error of a difference of scores is reliable
+FEWEST_RUNS = 5
+APART = 2.0  # Laws are distinguished if their scores differ by this number of standard errors.
+# A score from poor importance weights may be wrong by this multiple of its difference to the score
+# from fits.
 OFF = 3.0
-# difference of log evidence that distinguishes laws, if there are too few runs for scores
+# Log evidence that distinguishes two laws if there are too few runs for scores [nats]
 NATS = 5.0
-# Laws predict a target equally well if their error is at most this multiple of the least one.
+# Laws predict equally well if their error is at most this multiple of the smallest error.
 AS_GOOD = 1.1
-# targets of predictions for which laws have separate errors: stronger tests, other kinds of test
+# what a law may have to predict beyond the fitted tests: stronger tests, other kinds of test
 TARGETS = (laws.OUTWARD, laws.ACROSS)
-# An error up to this multiple of the standard deviation of the repeats' mean is close to noise.
+# An error up to this multiple of the standard error of the repeats' mean is close to noise.
 NEAR_FLOOR = 1.2
 
 Rows = Mapping[str, StoredLaw]
 
 
 def compared_rows(rows: Rows, scores: Mapping[str, np.ndarray]) -> dict[str, StoredLaw]:
-    """Return the row of each law with differences to the best law, weight and answer."""
+    """Return the row of each law: differences to the best law, weight, and answer."""
     by_runs = bool(scores) and len(next(iter(scores.values()))) >= FEWEST_RUNS
     best = _best(rows, scores, by_runs=by_runs)
     apart = differences(scores, best) if scores else {}
@@ -77,18 +79,18 @@ def _best(rows: Rows, scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str
 
 
 def _may_be_off(row: StoredLaw) -> float:
-    """Return the possible error of a score of left-out runs with poor weights [nats]."""
+    """Return the possible error of a score whose importance weights are poor [nats]."""
     return OFF * (row.elpd_doubt or 0.0) if _is_rough(row, by_runs=True) else 0.0
 
 
 def _is_rough(row: StoredLaw, *, by_runs: bool) -> bool:
-    """Return whether the importance weights behind a law's score are poor."""
+    """Return whether the score of a law comes from poor importance weights."""
     khat = row.khat if by_runs else row.khat_evidence
     return khat is not None and not khat <= GOOD_KHAT
 
 
 def _answer(row: StoredLaw, best: StoredLaw, *, by_runs: bool) -> str:
-    """Return a law's answer compared with the best: worse, not told apart or not judged.
+    """Return a law's answer compared with the best law: worse, not told apart or not judged.
 
     A law with a rough score is not judged, unless it lies farther behind than its possible error,
     or is hopeless and thus worse in any case.
@@ -101,14 +103,14 @@ def _answer(row: StoredLaw, best: StoredLaw, *, by_runs: bool) -> str:
 
 
 def _behind_by_runs(row: StoredLaw, best: StoredLaw) -> bool:
-    """Return whether a law's score is lower by more than its standard and possible errors."""
+    """Return whether a law's score is lower by more than its standard error and possible error."""
     off = _may_be_off(row) + _may_be_off(best)
     behind = -(row.elpd_difference or 0.0)
     return behind - off > APART * (row.elpd_difference_se or 0.0)
 
 
 def _behind_by_evidence(row: StoredLaw, best: StoredLaw) -> bool:
-    """Return whether a law's evidence is clearly lower for both widths of the priors."""
+    """Return whether a law's evidence is clearly lower, with the priors and with wider priors."""
     if any(_is_rough(law, by_runs=False) for law in (row, best)):
         return False
     differences = (
@@ -121,7 +123,7 @@ def _behind_by_evidence(row: StoredLaw, best: StoredLaw) -> bool:
 def differences(
     scores: Mapping[str, Float[np.ndarray, " run"]], reference: str
 ) -> dict[str, tuple[float, float]]:
-    """Return the sum of each law's score differences to a reference, and its standard error."""
+    """Return the sum over runs of each law's score minus a reference, with its standard error."""
     sums = {}
     for name, of_runs in scores.items():
         apart = of_runs - scores[reference]
@@ -131,7 +133,7 @@ def differences(
 
 
 def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float]:
-    """Return the weights of the laws whose mixture would have predicted the left-out runs best.
+    """Return the weights of laws whose mixture would have predicted the left-out runs best.
 
     These weights serve prediction and are no probabilities of truth: laws that predict alike share
     their weight.
@@ -141,8 +143,8 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
     if len(scores) == 1:
         return dict.fromkeys(scores, 1.0)
-    # Scores are taken relative to the best law of each run: this leaves the weights unchanged, and
-    # no exponential overflows.
+    # Scores are taken relative to the best law of each run. This leaves the weights unchanged, and
+    # the exponential cannot overflow.
     best = np.max(list(scores.values()), axis=0)
     scores = {name: of_runs - best for name, of_runs in scores.items()}
     elpd = {
@@ -158,7 +160,7 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
 
 def errors_on(rows: Rows, target: str) -> dict[str, float]:
-    """Return laws' known errors on the highest level, or on the worst kind of unfitted test."""
+    """Return laws' prediction errors: for the highest level, or for the worst kind of test."""
     errors = {
         name: row.error_highest if target == laws.OUTWARD else row.error_of_worst_kind
         for name, row in rows.items()
@@ -167,7 +169,7 @@ def errors_on(rows: Rows, target: str) -> dict[str, float]:
 
 
 def weights_for(rows: Rows, target: str) -> dict[str, float]:
-    """Return each law's share in predictions of a target, largest first; empty if unknown.
+    """Return each law's weight in predictions of stronger or other tests; empty if unknown.
 
     Within the fitted amplitudes, the shares are the weights of the comparison. Outward and across
     kinds, laws whose error there is at most 1.1 times the least one share by the same weights. If
@@ -211,7 +213,7 @@ def statements(record: StoredLaws) -> list[str]:
 
 
 def _of_answers(record: StoredLaws, best: str) -> Iterator[str]:
-    """Yield sentences on laws that data distinguish from the best, and on laws not judged."""
+    """Yield sentences on laws that the data distinguish from the best law, or do not judge."""
     if near := record.answered("not told apart"):
         yield laws.equivalent(near)
     if worse := record.answered("worse"):
@@ -226,7 +228,7 @@ def _of_answers(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_targets(rows: Rows, best: str) -> Iterator[str]:
-    """Yield sentences on laws that predict stronger or other tests better than the best law."""
+    """Yield sentences on laws that predict stronger or other tests best if another law is best."""
     for target in TARGETS:
         shares = weights_for(rows, target)
         if shares and best not in shares:
@@ -236,7 +238,7 @@ def _of_targets(rows: Rows, best: str) -> Iterator[str]:
 
 
 def _of_errors(record: StoredLaws, best: str) -> Iterator[str]:
-    """Yield sentences on the best law's error versus repeats' scatter and linear oscillators."""
+    """Yield sentences on the best law's error, compared with repeats and linear oscillators."""
     if record.floor is not None and record.floor > 0:
         error = record.laws[best].error
         near = error / record.floor < NEAR_FLOOR
@@ -246,7 +248,7 @@ def _of_errors(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_parameters(rows: Rows) -> Iterator[str]:
-    """Yield sentences on parameters at bounds and reached thresholds, except of worse laws."""
+    """Yield sentences on truncated parameters and reached thresholds, except of worse laws."""
     for name, row in rows.items():
         if row.answer == "worse":
             continue
@@ -266,7 +268,7 @@ def _of_rough_scores(rows: Rows) -> Iterator[str]:
 
 
 def _of_unseen(rows: Rows) -> Iterator[str]:
-    """Yield sentences on laws that predict held-out tests best, within, beyond or across kinds.
+    """Yield sentences on which law predicts held-out tests best: within, beyond, other kinds.
 
     Within and beyond refer to the largest fitted motion.
     """
@@ -284,7 +286,7 @@ def _of_unseen(rows: Rows) -> Iterator[str]:
 
 
 def _of_offsets(best: str, shared: StoredSharedRuns | None) -> Iterator[str]:
-    """Yield the sentence on the best law if the sessions shared omega_n and zeta."""
+    """Yield the sentence on the best law without separate omega_n and zeta of sessions."""
     if shared is None:
         return
     moved = [
@@ -297,7 +299,7 @@ def _of_offsets(best: str, shared: StoredSharedRuns | None) -> Iterator[str]:
 
 
 def _of_widths(rows: Rows) -> Iterator[str]:
-    """Yield sentences on how much the evidence depends on the priors."""
+    """Yield sentences on how the evidence changes if the priors are wider."""
     widened = {name: _less(row.log_evidence_wide, row.log_evidence) for name, row in rows.items()}
     if changes := {name: change for name, change in widened.items() if change is not None}:
         yield laws.wider_priors(changes)

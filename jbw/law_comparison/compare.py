@@ -70,13 +70,13 @@ from jbw.verification.predictive_basis import basis_of
 
 logger = logging.getLogger("jbw")
 
-# Laws that are compared by default, if they are registered: none, elastic laws, a smooth pair that
-# dissipates energy, and hysteretic laws without and with an elastic one.
+# Laws that are compared by default, if they are registered: no law, elastic laws, a smooth pair
+# that dissipates energy, and hysteretic laws without and with an elastic law.
 USUAL = (
     "", "cubic", "quadratic + quadratic_damping", "bouc_wen", "bouc_wen + cubic", "bouc_wen_nu",
     "iwan4", "iwan4 + cubic", "masing_power + cubic", "jenkins_3",
 )  # fmt: skip
-OF_LOOPS = ("gap_series",)  # further law that is compared in tests with prescribed displacement
+OF_LOOPS = ("gap_series",)  # additional law that is compared for tests with prescribed displacement
 NUM_DRAWS = 50  # number of draws from which bands of the curves are computed
 NUM_AMPLITUDES = 40
 FREE_PARTICLES = 1000  # number of particles for the law without an assumed form
@@ -95,11 +95,11 @@ class Weighed(NamedTuple):
     left_out: LeftOut | None  # scores of left-out runs; None if there is only one run
     wide: float | None  # log evidence under priors twice as wide
     log_likelihood: float  # largest log likelihood [nats]
-    # whether the law does not fit at all, so that draws and scores come from fits alone
+    # whether the fit is so poor that draws and scores come from the fit alone
     hopeless: bool = False
 
 
-# draws, scores of left-out runs, and log evidence under wide priors, as in `Weighed`
+# draws, scores of left-out runs, and log evidence under wider priors, as in `Weighed`
 Judged = tuple[xr.DataTree, LeftOut | None, float | None]
 
 
@@ -121,7 +121,7 @@ class LawComparison:
 
     @cached_property
     def result(self) -> StoredLaws:
-        """The content of `record` in types."""
+        """The content of `record` as typed objects."""
         return StoredLaws.read(self.record)
 
 
@@ -133,7 +133,7 @@ def compare_laws(
     report: Report = logger.info,
     parts: Parts = unkept,
 ) -> LawComparison:
-    r"""Fit and compare laws of the joint on one campaign; tell which laws data distinguish.
+    r"""Fit and compare laws of the joint on one campaign; show which laws the data distinguish.
 
     Args:
         campaign: Campaign from `jbw.load_campaign` or the virtual rig; its own laws are tried too.
@@ -275,7 +275,7 @@ def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, Stor
 def _trials(
     campaign: Campaign, laws: Sequence[str | Sequence[str]] | None
 ) -> tuple[tuple[tuple[str, ...], ...], str]:
-    """Return sets of laws to try with a sentence on them; the usual sets if none are named."""
+    """Return the sets of laws to compare, with a sentence on them; by default the usual sets."""
     chosen = None if laws is None else _chosen(laws)
     if campaign.joints is not None:
         return trials_at_joints(campaign.laws, chosen)
@@ -283,7 +283,7 @@ def _trials(
 
 
 def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
-    """Return the usual laws that the register has, and the campaign's own."""
+    """Return the usual laws that are registered, and the campaign's own laws."""
     has_loops = any(test.traits.is_prescribed for test in campaign.tests)
     usual = [_parts(names) for names in (*USUAL, *(OF_LOOPS if has_loops else ()))]
     available = [names for names in usual if all(_known(name) for name in names)]
@@ -291,7 +291,7 @@ def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
 
 
 def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
-    """Return each named set of laws once, without repeated ones."""
+    """Return each named set of laws once."""
     parted = (_parts(names) if isinstance(names, str) else tuple(names) for names in laws)
     sets = list(dict.fromkeys(parted))
     for names in sets:
@@ -300,7 +300,7 @@ def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
 
 
 def _parts(name: str) -> tuple[str, ...]:
-    """Return the law names in a text joined by +; empty for a linear structure."""
+    """Return the names of laws in a text that joins them by +; empty for a linear structure."""
     parts = [part.strip() for part in name.split("+")]
     return tuple(part for part in parts if part not in ("", "linear"))
 
@@ -363,7 +363,7 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
 
 
 def _hopeless(rows: Mapping[str, StoredLaw]) -> tuple[str, list[bool], dict[str, str]]:
-    """Return which laws are judged by their fits alone, as a variable."""
+    """Return a variable that shows which laws are judged by their fits alone."""
     attrs = {"long_name": messages.VARIABLES["hopeless"]}
     return "law", [row.hopeless for row in rows.values()], attrs
 
@@ -387,8 +387,6 @@ def _shared_runs(
     """Fit laws without run offsets; return the best law's parameters and all laws' errors.
 
     The result is None if no run has offsets.
-
-    The result is None if the runs have no offsets.
     """
     if not named[best].fitted.data.has_offsets:
         return None
@@ -409,11 +407,9 @@ def weigh(
     report: Report,
     parts: Parts = unkept,
 ) -> tuple[dict[str, Weighed], dict[str, str]]:
-    """Draw and score each law; also return the laws that fail, with the reason.
+    """Sample and score each law; also return the laws that fail, with the reason.
 
     Laws that do not fit at all are scored by their fits alone.
-
-    Hopeless laws are scored by their fits alone.
     """
     weighed: dict[str, Weighed] = {}
     refused: dict[str, str] = {}
@@ -444,7 +440,7 @@ def weigh(
 
 
 def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """Return a law's posterior, its scores of left-out runs, and wide-prior evidence."""
+    """Return a law's posterior, scores of left-out runs, and evidence under wider priors."""
     drawn, moments = evidence.posterior(keys[0], candidate)
     held_out = left_out(keys[1], candidate, drawn, moments) if several else None
     wide = log_evidence_wide(keys[0], candidate, drawn)
@@ -452,13 +448,13 @@ def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
 
 
 def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """Return draws and scores from the fit alone, for a law that does not fit at all."""
+    """Return draws and scores from the fit alone, for a law whose fit is very poor."""
     held_out = left_out_of_fits(candidate) if several else None
     return evidence.about_fit(keys[0], candidate), held_out, None
 
 
 def row_of(weighed: Weighed) -> StoredLaw:
-    """Return the numbers of one law."""
+    """Return the stored numbers of one law."""
     candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
     names, posterior = candidate.fitted.box.names, tree["posterior"].to_dataset()
     every = every_parameter(posterior, candidate.fitted.data)
@@ -491,7 +487,7 @@ def row_of(weighed: Weighed) -> StoredLaw:
 
 
 def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
-    """Return laws' steady force loops at the largest displacement [m], minus the fully stuck force.
+    """Return the laws' steady force loops at the largest displacement [m], minus the stuck force.
 
     Each loop is the force minus that of the stuck spring, on the way down from y = Y and up again,
     at the fit of the law. Dampers have no effect at this slow motion.
@@ -517,9 +513,9 @@ def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
 
 
 def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset:
-    """Return each law's residual over the rms of one data group, of the highest level if known.
+    """Return each law's residual of the data group with the highest level, over the group's rms.
 
-    Otherwise the group is that with the largest response.
+    If no level is known, the group is that with the largest response.
     """
     data = next(iter(named.values())).fitted.data
     sizes = dataset.size_by_label(data)
@@ -542,7 +538,7 @@ def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset
 
 
 def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
-    """Return the measured tests of which no run was fitted."""
+    """Return the measured tests of which no record was fitted."""
     return [
         test
         for test in tests
