@@ -284,7 +284,7 @@ def _exports(
 def _plain(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits
 ) -> tuple[Draws, tuple[Quantity, ...]]:
-    """Return a joint's law parameters in given units, without the joint in their names; table."""
+    """Return a joint's parameters in given units, named without the joint, and their table."""
     count = count_of(draws)
     values: Draws = {
         "omega_n": np.full(count, np.sqrt(units.value(model_joint.stiffness, "N/m"))),
