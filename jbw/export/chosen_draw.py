@@ -68,7 +68,7 @@ def best_draw(
     bands: Bands,
     laws: Laws,
 ) -> int:
-    """Return the number of the most probable draw that is typical in what the data determine.
+    """Return the number of the most probable draw whose products and backbone are typical.
 
     The means along a ridge are no joint at all: the mean of alpha times that of delta is not the
     mean of alpha delta. A draw is a joint. Where a parameter ends at its bound, the draw of highest

@@ -152,7 +152,7 @@ def _parameters(summary: RunSummary, quantities: Names) -> dict[str, Table]:
 
 
 def _figures(summary: RunSummary, drawn: Mapping[str, DrawnFigure]) -> dict[str, Any]:
-    """Return the page's figures: first figure, single records, groups, and failed figures."""
+    """Return the figures of the page: the first, that of single records, groups, failed ones."""
     by_name = {entry.name: _shown(entry, drawn[entry.name]) for entry in FIGURE_LIST}
     shown = [entry for entry in FIGURE_LIST if drawn[entry.name].svg]
     first = lead(summary, [entry.name for entry in shown])

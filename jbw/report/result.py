@@ -250,7 +250,7 @@ def of_law(joint: Iterable[PosteriorParameter]) -> list[PosteriorParameter]:
 
 
 def laws_of(tree: xr.DataTree) -> tuple[str, ...]:
-    """Return the names of the joint's laws; for runs of jbw 0.1 Bouc-Wen and a cubic spring."""
+    """Return the names of the joint's laws; in runs of jbw 0.1, Bouc-Wen and a cubic spring."""
     if "laws" in tree.attrs:
         return tuple(json.loads(str(tree.attrs["laws"])))
     main = node(tree, "posterior")

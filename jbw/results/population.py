@@ -40,7 +40,7 @@ class StoredSampling(Stored):
 
 
 class StoredPopulation(Stored):
-    """A population.
+    """How the joints of several units vary, and how they depend on torque.
 
     `belongs` is each unit's p-value of belonging to the others; `weighed` the Kish share of the
     draws of each unit that is represented by its draws.

@@ -205,7 +205,7 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
 
 
 def _seen(test: Test) -> list[str]:
-    """Return the sentences on a test's repeats, harmonics and noise, or on its held phase."""
+    """Return the sentences on a test's repeats, harmonics and noise, or on a phase-locked test."""
     if test.traits.is_locked:
         return [locked_sentence(test)]
     blows = blows_seen(test.name, [record.provenance for record in test.records])

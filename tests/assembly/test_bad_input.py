@@ -111,7 +111,7 @@ def test_an_indefinite_stiffness_is_refused_with_its_lowest_eigenvalue(size):
 @pytest.mark.parametrize(
     ("place", "what", "remedy"),
     [
-        ("17:z", "node 17 has no direction `z`", "Node 17 has x, rx."),
+        ("17:z", "node 17 has no direction `z`", "Node 17 has the directions x, rx."),
         ("19:x", "there is no node 19", "The nearest nodes are 17, 112."),
         ("17", 'must be stated as "node:direction"', "directions are"),
         ("17:x*heavy", 'must be stated as "node:direction"', "directions are"),

@@ -209,7 +209,7 @@ def test_the_part_that_no_other_test_holds_is_told_as_a_span(folder):
     first = table('"run_1.npz"', "a", "span = [0.0, 10.0]")
     path = campaign(folder, first, table('"run_1.npz"', "b", "span = [4.0, 14.0]"))
     line = "span = [10.0, 14.0]"
-    assert remedies(path) == [f"Put under [[test]]: `{line}`, which no other test contains."]
+    assert remedies(path) == [f"Put under [[test]]: `{line}`, a part that no other test contains."]
     pasted(path, "b", line)
     assert refused(path) == []
     assert [test.records[0].num_samples for test in load_campaign(path).tests] == [1000, 400]

@@ -241,7 +241,7 @@ def shares(share: float) -> str:
 
 def rest_or_leave_out(part_line: str, leaving_out: str) -> str:
     """Return the remedy: use the part that no other test contains, or leave the record out."""
-    return f"{part_line}, which no other test contains, or {leaving_out}."
+    return f"{part_line}, a part that no other test contains, or {leaving_out}."
 
 
 def several_assemblies(count: int, names: Sequence[str]) -> str:

@@ -94,9 +94,9 @@ def of_clock(error: float) -> str:
 
 def included(errors: Sequence[str], missing: Sequence[str]) -> str:
     """Return the sentence on stated errors that intervals include, and errors not stated."""
-    listed = ", ".join(errors) or "no instrument"
+    listed = ", ".join(errors) or "none"
     not_stated = f"; not stated: {', '.join(missing)}" if missing else ""
     return (
-        f"Intervals include the stated errors of {listed}{not_stated}. Bands of predictions are "
+        f"Stated errors that the intervals include: {listed}{not_stated}. Bands of predictions are "
         "for measurements with the same instruments."
     )

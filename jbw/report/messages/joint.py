@@ -7,7 +7,7 @@ from jbw.report.messages.message import number
 
 BOUNDED = "alpha > 0 and delta + gamma >= 0 must hold"
 SAME_CURVES = "every motion depends only on the sum of the virgin curves of all sliders"
-SAME_EXPONENT = "with an exponent of 1 they are the same law"
+SAME_EXPONENT = "with an exponent of 1 the two laws are the same"
 EVEN_SQUARE = "`square` is a spring whose force is even in the displacement"
 
 # What a record that stays below a threshold of a law leaves undetermined.
@@ -32,17 +32,17 @@ def no_bounds(names: Sequence[str]) -> str:
 
 
 # What a method of a law from outside must agree with.
-A_SCALAR = "a scalar, whose axes number"
-SMOOTH_AT_REST = "differentiable at rest, with a slope such as"
-INTEGRAL_OF_RATE = "the integral of `rate`, by the force [N/kg],"
+A_SCALAR = "a scalar; its number of axes must be"
+SMOOTH_AT_REST = "differentiable at rest, for example with the slope"
+INTEGRAL_OF_RATE = "the integral of `rate`; the force [N/kg] must be"
 SLOPE_AT_REST = "the slope of `force` at rest"
-DIFFERENCE_OF_RECORDS = "the difference of two records, by derivatives,"
-ODD = "odd (or `check_periodic` must refuse it),"
-ALONG_MOTION = "those of `force` along the settled motion"
-OTHER_UNITS = "the same law in other units,"
-FIRST_HARMONIC = "the first harmonic of `force` over the amplitude"
-HOLDS_MOTION = "the force that holds the motion in resonance"
-OF_PERIODIC_RECORD = "the first harmonic of the periodic record of `simulate`"
+DIFFERENCE_OF_RECORDS = "consistent with the difference of two records; its derivative must be"
+ODD = "odd, unless `check_periodic` refuses it; its value must be"
+ALONG_MOTION = "the harmonics of `force` along a steady motion,"
+OTHER_UNITS = "the same law in other units; its harmonics must be"
+FIRST_HARMONIC = "the first harmonic of `force`, divided by the amplitude,"
+HOLDS_MOTION = "the force that sustains the motion at resonance,"
+OF_PERIODIC_RECORD = "the first harmonic of the periodic record from `simulate`,"
 
 
 def law_disagrees(method: str, found: Any, what: str, right: Any) -> str:

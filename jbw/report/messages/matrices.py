@@ -11,7 +11,7 @@ def no_direction(node: str, direction: str, directions: Sequence[str]) -> tuple[
     """Return the message on a direction that a node lacks, and those that it has."""
     return (
         f"node {node} has no direction `{direction}`",
-        f"Node {node} has {', '.join(directions)}.",
+        f"Node {node} has the directions {', '.join(directions)}.",
     )
 
 

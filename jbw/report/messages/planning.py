@@ -107,7 +107,7 @@ def not_reached(
 
 def together(note: str) -> str:
     """Return the message on what the recommended tests do not determine."""
-    return f"  Together, {note}."
+    return f"  With all these tests together, {note}."
 
 
 def fleet_designs(few: tuple[int, int], many: int, gain: float) -> str:

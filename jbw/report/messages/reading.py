@@ -241,7 +241,7 @@ def rounded_rate(error: float) -> str:
 
 def resampled_to(fs: float) -> str:
     """Return the clause on the rate to which a campaign resamples [Hz]."""
-    return f"{fs:.10g} Hz, to which it is resampled"
+    return f"{fs:.10g} Hz, to which the record is resampled"
 
 
 def own_path(path: str) -> str:

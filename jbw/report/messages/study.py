@@ -19,7 +19,7 @@ LOOPS_OF_JOINTS = (
     "Steady loops of every joint under slow motion: the force of its spring and laws [N, or N m] "
     "against its motion [m, or rad]."
 )
-FMU = "Force of a joint after exact moves"
+FMU = "Force of a joint, computed by exact time steps"
 FMU_FORCE = "force of the joint's laws"
 FMU_TOTAL = "force of the joint's laws with spring and dashpot in parallel"
 NO_VERDICT = "the run has no verdict"
@@ -131,16 +131,16 @@ def joint_place(
 ) -> str:
     """Return the comment on where a joint acts, and its stiffness in the model, with units."""
     place = f"Joint {name} moves by x = {motion[0]} [{motion[1]}]"
-    spring = f"{stiffness[0]:.6g} {stiffness[1]} when fully stuck"
+    spring = f"its stiffness when fully stuck is {stiffness[0]:.6g} {stiffness[1]}"
     if not has_law:
         held = "which the model has" if is_held else "which the model lacks: add it as a spring"
-        return f"{place}. It has no law and is not in these files: {spring}, {held}."
+        return f"{place}. It has no law and is not in these files; {spring}, {held}."
     if is_held:
         return (
-            f"{place}, {spring}; the model contains this stiffness as a spring, which the "
+            f"{place}; {spring}. The model contains this stiffness as a spring, which the "
             "exported joint replaces."
         )
-    return f"{place}, {spring}; the model has no spring at this place."
+    return f"{place}; {spring}. The model has no spring at this place."
 
 
 def joint_in_si(name: str, motion_unit: str, force_unit: str) -> str:
