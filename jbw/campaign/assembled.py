@@ -158,7 +158,7 @@ class JointTable(FileTable):
 def joint_errors(
     joints: Sequence[JointTable], structure: AssembledStructure | None, num_modes: int
 ) -> Iterator[str]:
-    """Yield a sentence on each contradiction between joints, or of a joint and the structure."""
+    """Yield a sentence on each contradiction between joints, or between joints and structure."""
     names = [joint.name for joint in joints]
     for joint in joints:
         where = f"[[joint]] `{joint.name}`"

@@ -54,7 +54,7 @@ from jbw.report.messages.reading import EXPORTS
 from jbw.units import decibels, plain
 
 LISTED = 12  # largest number of channels that a comment lists
-MOST_GROUPS = 500  # With more groups of repeats, files are not grouped by name.
+MOST_GROUPS = 500  # If there are more groups of repeats than this, files are not grouped by name.
 # number of bytes at the start of a file, which show whether it may contain a response curve
 BEGINNING = 1 << 14
 BAND = "\nband = ["
@@ -863,7 +863,8 @@ def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
     if finite.sum() < 3 or not (np.ptp(force[finite]) and np.ptp(displacement[finite])):
         return False
     force, displacement = force[finite], displacement[finite]
-    # Along a wide loop they are also a quarter period apart, but rise and fall together.
+    # Along a wide loop force and displacement are also a quarter period apart, but rise and fall
+    # together.
     steps = np.diff(force) * np.diff(displacement)
     together = float(steps.sum() / max(float(np.abs(steps).sum()), 1e-300))
     return max(float(np.corrcoef(force, displacement)[0, 1]), together) > FOLLOWING

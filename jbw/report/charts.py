@@ -199,7 +199,7 @@ class CurvePoints(NamedTuple):
 
 
 def shared_limit(sizes: Sequence[int], total: int) -> int:
-    """Return how many points each curve may have, so that all have at most `total` points."""
+    """Return how many points each curve may have, if all curves together have `total` points."""
     low, high = 2, max([2, *sizes])
     while low < high:
         middle = (low + high + 1) // 2

@@ -105,7 +105,7 @@ def _elements(ax: Axes, stiffness: str, *, hysteretic: bool) -> None:
     ax.plot([2.0, 2.9, 2.9, 2.0], DAMPER + np.array([0.34, 0.34, -0.34, -0.34]), **STROKE)
     ax.plot([2.9, MASS], [DAMPER, DAMPER], **STROKE)
     _write(ax, 3.75, DAMPER + 0.38, "2ζωₙ")
-    if hysteretic:  # The joint is a box that contains a loop.
+    if hysteretic:  # The joint is drawn as a box that contains a loop.
         stroke = {**STROKE, "color": VERMILLION}
         ax.plot([WALL, 1.9], [HYSTERESIS, HYSTERESIS], **stroke)
         ax.plot([3.3, MASS], [HYSTERESIS, HYSTERESIS], **stroke)

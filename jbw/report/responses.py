@@ -59,7 +59,7 @@ SAMPLERS = {"paper": ("walk as published", VERMILLION), "nuts": ("NUTS", BLUE)}
 
 
 def resonance_window(freq: Curve, magnitude: Curve, depth: float = 0.08) -> tuple[float, float]:
-    """Return the frequencies [Hz] around the peak at which the magnitude exceeds `depth` of it."""
+    """Return the frequencies [Hz] around the peak whose magnitude exceeds `depth` of the peak."""
     peak = int(np.nanargmax(magnitude))
     above = magnitude > depth * magnitude[peak]
     first = peak - int(np.argmin(above[peak::-1])) if not above[: peak + 1].all() else 0

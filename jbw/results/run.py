@@ -58,7 +58,7 @@ class StoredVerdict(Stored):
         return [finding for finding in self.findings if finding.status != "ok"]
 
     def answer(self, name: str) -> str:
-        """Return the status of the answer to a question; an empty text for early versions."""
+        """Return the status of the answer to a question; an empty text if there is no answer."""
         return self.answers[name].status if name in self.answers else ""
 
 

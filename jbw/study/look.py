@@ -92,7 +92,7 @@ class ShownResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class Look:
-    """The result of `look`: `record` as stored; readings, tables and responses by test."""
+    """The result of `look`: the stored record, measured values, tables and responses by test."""
 
     record: StoredLook
     readings: dict[str, list[Reading]]
