@@ -72,7 +72,7 @@ class StoredFreeLaw(Stored):
 
 
 class StoredLaws(Stored):
-    """A comparison of laws."""
+    """The stored comparison of laws of the joint on one campaign."""
 
     campaign: str = ""
     diagnosis: dict[str, Any] | None = None

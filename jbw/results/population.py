@@ -19,7 +19,7 @@ class StoredInterval(Stored):
 
 
 class StoredCoordinate(StoredRow):
-    """A coordinate of a population: mean, variations between units and runs, exponents."""
+    """A pooled quantity of a population: mean, variation of units and runs, exponents."""
 
     unit: str = "1"
     symbol: str = ""

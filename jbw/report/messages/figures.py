@@ -25,7 +25,7 @@ DENSITY = "posterior density over prior density [-]"
 DRAW = "draw n of a chain [-]"
 RUNNING_MEAN = "conv(n) over its last mean [-]"
 TRACES = "traces, one line per chain"
-RANKS = "ranks of a chain's draws, in twentieths of all draws"
+RANKS = "ranks of each chain's draws among all draws, in 20 bins"
 RANK = "rank among all draws [-]"
 
 DISTANCE = "distance of the means [standard deviations of the posterior]"

@@ -30,7 +30,7 @@ WITHOUT_KIND = "fit without kind of test %d of %d"
 WITHOUT_RUN = "fit without run %d of %d"
 PRIOR_POINTS = "predictions at %d points drawn from the prior"
 FURTHER_START = "additional start %d of %d"
-REWEIGHTING = "fit and weights of its points, round %d of at most %d"
+REWEIGHTING = "fit and importance weights, round %d of at most %d"
 NONE_HELD_OUT = "No test is held out: this result uses all tests."
 FITTING_FOR_USE = "Fitting all tests, including the held-out ones"
 
@@ -81,7 +81,7 @@ def drawing_figures(page: str) -> str:
 
 def drawing_records(folder: str) -> str:
     """Return the progress message for drawing the first record of every test into a folder."""
-    return f"Drawing a figure of the first record of every test into {folder}"
+    return f"Drawing a figure of the first record of every test in folder {folder}"
 
 
 def starts(count: int) -> str:
