@@ -38,7 +38,7 @@ def test_stated_instruments_widen_intervals_and_leave_predictions(tmp_path, monk
         row = study.record["steps"]["joint"]["parameters"][name]
         assert row["sd"] == pytest.approx(float(wide[name].std(ddof=1)), rel=1e-9)
     assert "zeta" not in narrow
-    said = [s for s in study.record["steps"]["joint"]["statements"] if "stated errors" in s]
+    said = [s for s in study.record["steps"]["joint"]["statements"] if "Stated errors" in s]
     assert len(said) == 1
     assert "the clock (0.005), velocity (0.02); not stated: `gain_std` of input." in said[0]
     study.save(tmp_path / "run")
