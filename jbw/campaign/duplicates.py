@@ -25,7 +25,7 @@ FORCES = ("restoring_force", "force")
 
 
 class ResponseOrigin(NamedTuple):
-    """Where the response of a record comes from, and the part of it that a test uses."""
+    """The origin of the response of a record, and the part of the record that a test uses."""
 
     test: str
     record: str

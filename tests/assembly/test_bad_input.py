@@ -300,7 +300,7 @@ def test_slowed_residual_modes_are_said_with_their_frequencies():
     case = CASES[0]
     to_hz = up_to(case, 3)
     found = reduced(case, 3, slow_residual_modes=True)
-    (note,) = [note for note in found.notes if "slowed" in note]
+    (note,) = [note for note in found.notes if "was lowered" in note]
     assert f"{5 * to_hz:.4g} Hz" in note
     assert note in repr(found)
 

@@ -134,7 +134,7 @@ def test_a_draft_explains_indices_and_marks_kinds_as_guesses(tmp_path):
     np.savez(tmp_path / "run.npz", velocity=np.sin(np.arange(2000) * 0.01), fs=1024.0)
     text = start_campaign(tmp_path).text
     assert "counted from zero" in text
-    assert "as in MATLAB" in text
+    assert "As in MATLAB" in text
     assert 'kind = "decay"  # CHECK: a guess' in text
 
 

@@ -139,7 +139,7 @@ def test_the_command_prints_them(folder, capsys):
     path = written(folder, STRUCTURE + BOLTS + TESTS)
     run(["check", str(path)])
     text = capsys.readouterr().out
-    for words in ("energy share of bolt 1", "32.158 Hz", "matrix B: 2.47", "slowed"):
+    for words in ("energy share of bolt 1", "32.158 Hz", "matrix B: 2.47", "was lowered"):
         assert words in text
     run(["check", str(path), "--json"])
     answer = json.loads(capsys.readouterr().out)["joints"]

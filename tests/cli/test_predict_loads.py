@@ -125,7 +125,7 @@ def test_a_random_profile_and_a_shock(folder, tmp_path, capsys):
     [
         (["--response", "17:20"], 2, "needs --level"),
         (["--response", "17:20", "--level", "2g"], 2, "must be in V"),
-        (["--sweep", "10:20", "--level", "2g"], 2, "own unit"),
+        (["--sweep", "10:20", "--level", "2g"], 2, "unit of the run's source"),
         (["--response", "17:20", "--level", "x"], 2, "number"),
         (["--shock", "20g,11ms"], 2, "must be in V"),
         (["--response", "20:17", "--level", "1"], 2, "rise"),

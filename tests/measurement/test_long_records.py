@@ -32,7 +32,7 @@ def test_rest_at_the_ends_is_proposed_to_be_cut_with_what_it_saves():
     assert low <= 6.0
     assert high >= 18.0
     # 12 s of 30.
-    assert "a fit then takes 40 % of the time" in told
+    assert "takes only 40 % of the time" in told
 
 
 def test_a_rate_of_many_samples_a_cycle_is_proposed_to_be_lowered():

@@ -11,7 +11,7 @@ PHASE_LESS_MEDIAN = "arg H₃ minus its median [°]"
 
 DIRECTIONS = "Combinations of parameters from the fit, best determined first"
 BEFORE_SAMPLING = "from the fit, before sampling"
-OVER_PRIOR = "posterior standard deviation over that of the prior [-]"
+OVER_PRIOR = "standard deviation over that of the prior [-]"
 
 ONE_MODE = "one mode, per unit mass"
 OVER_MODE = "|q / q of the mode| [-]"
@@ -25,7 +25,7 @@ DENSITY = "posterior density over prior density [-]"
 DRAW = "draw n of a chain [-]"
 RUNNING_MEAN = "conv(n) over its last mean [-]"
 TRACES = "traces, one line per chain"
-RANKS = "ranks of each chain's draws among all draws, in 20 bins"
+RANKS = "ranks of draws, in 20 bins"
 RANK = "rank among all draws [-]"
 
 DISTANCE = "distance of the means [standard deviations of the posterior]"
