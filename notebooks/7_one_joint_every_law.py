@@ -74,7 +74,7 @@ for name, theta in THETA.items():
     left.plot(1e3 * path[450:], (force - stuck * path)[450:], label=name)
     curve = jbw.backbone(one, amplitude)
     right.plot(1e3 * amplitude, curve.omega / (2 * np.pi), label=name)
-left.set(xlabel="displacement [mm]", ylabel="force minus the force of the linear spring [N/kg]")
+left.set(xlabel="displacement [mm]", ylabel="force less the linear spring's [N/kg]")
 right.set(xlabel="amplitude [mm]", ylabel="natural frequency [Hz]")
 right.legend()
 figure.tight_layout()

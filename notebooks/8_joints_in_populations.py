@@ -128,7 +128,7 @@ for ax, name, values in (
 ):  # fmt: skip
     band = backbone[name]
     low, middle, high = (band.isel(quantile=i) for i in range(3))
-    ax.fill_between(1e3 * amplitude, low, high, alpha=0.3, label="interval with 99 % of new units")
+    ax.fill_between(1e3 * amplitude, low, high, alpha=0.3, label="99 % of a new unit")
     ax.plot(1e3 * amplitude, middle)
     ax.plot(1e3 * amplitude, values, "k--", label="the specimen that was then built")
     inside = np.mean((values >= low.values) & (values <= high.values))
