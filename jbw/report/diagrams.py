@@ -24,8 +24,8 @@ from jbw.report.result import (
     parameters,
     verified,
 )
-from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, plain, title
-from jbw.report.text import NOTHING, number, percent, quantity, shown_as, spread_text
+from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, title
+from jbw.report.text import NOTHING, number, percent, plain, quantity, shown_as, spread_text
 
 # Of a law with memory: the stiffness that it takes from the spring, and the rate of its force.
 RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}

@@ -43,11 +43,10 @@ from jbw.report.style import (
     finish,
     log_y,
     panels,
-    plain,
     stacks,
     title,
 )
-from jbw.report.text import axis_label, number
+from jbw.report.text import axis_label, number, plain
 
 MOST_MARKS = 60  # measured points drawn on a curve, so that the model behind them stays visible
 CURVE_LABELS = ("phase [°]", "off the median [%]")

@@ -23,7 +23,7 @@ from jbw.report.opening import (
     split_sentence,
 )
 from jbw.results.run import RunSummary, StoredJoints
-from jbw.study import resumable, store
+from jbw.study import resumable
 from jbw.study.summary import _turning
 
 QUANTILE = [0.005, 0.5, 0.995]
@@ -242,8 +242,8 @@ def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkey
     step = {"statements": ["Drawn at once."], "verdict": {"status": "ok"}}
     summary = summary_of(findings=[finding("coloured_residual", "ok")], steps={"joint": step})
     monkeypatch.setattr(resumable, "identified", lambda *_: (tree_of(), summary))
-    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
-    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
+    monkeypatch.setattr("jbw.report.page.write_page", lambda *of: of[2].write_text("page"))
+    monkeypatch.setattr("jbw.report.figures.draw_figures", lambda *_: None)
     out, campaign = tmp_path / "short", tmp_path / "toy.toml"
     campaign.touch()
     assert run(["identify", str(campaign), "--out", str(out)]) == 0
