@@ -82,7 +82,7 @@ def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
 
 
 def unused_field(tau, state, stepping):
-    """Return the state unchanged; diffrax requires this function, the exact step does not."""
+    """Return the state unchanged; diffrax requires a vector field, but the exact step uses none."""
     return state
 
 
@@ -134,8 +134,7 @@ def in_chunks(
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
     push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
-    # There is one copy of the step's constants per oscillator of the batch: when transposed, they
-    # are summed only once.
+    # Every step gets a copy of the constants: the transpose then sums over the steps only once.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
@@ -155,7 +154,7 @@ def in_chunks(
 def _linearised(
     step: ExactStep, start: State, push: Push, step_dot: ExactStep, push_dot: Push
 ) -> tuple[Columns, tuple[Scalar, ...]]:
-    """Return the derivative of one time step: the columns of the matrix J_n, and the offset b_n."""
+    """Return one time step's derivatives: the columns of its Jacobian J_n, and its offset b_n."""
     leaves, tree = jax.tree.flatten(start)
 
     def stepped(step, leaves, push):
@@ -305,12 +304,10 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
 
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a solve that a batch runs one oscillator after another, all right-hand sides at once.
+    """Return a solver that treats the oscillators of a batch in turn, but right-hand sides at once.
 
     If the oscillators of a batch were solved side by side, the long derivative of a kink would be
     computed in every step of each.
-
-    Lanes side by side would always compute the long derivative of a kink.
     """
     sequential = jax.custom_batching.custom_vmap(solve)
 
@@ -344,7 +341,7 @@ def _after(
 
 
 def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactStep, Push]:
-    """Return the reverse derivatives of the state before a step, of its constants and its input."""
+    """Return reverse derivatives with respect to a step's initial state, constants and input."""
     primals = step, _split(step.laws, at.starts), at.push
 
     def by(kinks: Kinks):
@@ -360,7 +357,7 @@ def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Pus
 
 
 def _split(laws: Laws, state: State) -> Carriers:
-    """Return the part of a state whose derivatives pass from step to step."""
+    """Return the variables of a state whose derivatives pass from step to step."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
     for law, law_memory in zip(laws, memory, strict=True):
@@ -372,7 +369,7 @@ def _split(laws: Laws, state: State) -> Carriers:
 
 
 def _joined(laws: Laws, state: State, x: Carriers) -> State:
-    """Return a state from this part, from which all its other variables follow."""
+    """Return the full state that follows from the variables that pass from step to step."""
     (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
     for law, law_memory in zip(laws, state[2], strict=True):

@@ -37,7 +37,7 @@ MOTION = np.array([Y, 0.05j * Y])  # first and third harmonic of the trial motio
 SETTLED = 8  # simulated periods, of which only the last is compared
 POINTS = 256  # samples per period
 
-# Methods of the time step. If they are the defaults, a record agrees with the steady state.
+# Methods of the time step. If a law uses their defaults, records agree with its steady state.
 STEP = ("branch", "remainder", "bend", "glide", "turn", "shift", "missed", "packed")
 
 _TRIED: dict[type[Law], str | None] = {}

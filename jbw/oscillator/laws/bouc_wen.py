@@ -134,7 +134,7 @@ class BoucWenLaw(Law):
     def coordinate_bounds(
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
-        """Return prior bounds of the products: up to four times the larger fitted product.
+        """Return prior bounds of alpha delta and alpha gamma: four times the larger fitted one.
 
         The lower bound is 0 unless delta or gamma may be negative.
         """
@@ -186,20 +186,20 @@ class BoucWenLaw(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """Return Z - alpha y and h times its rate -c v Z."""
+        """Return the force Z - alpha y, and its rate -c v Z times the time step h."""
         return memory - self.alpha * y, -h * branch * v * memory
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
     ) -> Scalar:
-        """Return half of h^2 times the second time derivative of Z - alpha y."""
+        """Return h^2/2 times the second time derivative of Z - alpha y, with the time step h."""
         slope = self.alpha - branch * memory
         return -0.5 * h**2 * branch * (a * memory + v**2 * slope)
 
     def glide(
         self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
     ) -> tuple[Scalar, Bool[Array, "..."]]:
-        """Return Z after a step; True if Z passed zero, or if the step was too long."""
+        """Return Z after a step, and True if Z passed zero or the step was too long."""
         moved = smooth_move(self.alpha, branch, memory, dy)
         return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)  # pyright: ignore[reportReturnType]
 

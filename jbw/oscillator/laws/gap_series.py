@@ -150,13 +150,13 @@ class GapSeries(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Contact
     ) -> tuple[Scalar, Scalar]:
-        """Return the force Z, which has no linear part at rest, and h times its rate."""
+        """Return the force Z (no linear part at rest), and its rate times the time step h."""
         return memory[0], h * v * self._slope(memory[0], branch)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Contact
     ) -> Scalar:
-        """Return half of h^2 times the second time derivative of Z."""
+        """Return h^2/2 times the second time derivative of Z, with the time step h."""
         slope = self._slope(memory[0], branch)
         return 0.5 * h**2 * slope * (a - branch[1] * v**2)
 
@@ -167,7 +167,7 @@ class GapSeries(Law):
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact
     ) -> tuple[Memory, Bool[Array, "..."]]:
-        """Return the internal state after a step without reversal; True if a contact changed."""
+        """Return the internal state after a step without reversal, and True if contact changed."""
         gap_move = moved(self, memory, dy)
         return gap_move.memory, gap_move.released | gap_move.met
 

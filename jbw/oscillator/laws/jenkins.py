@@ -172,14 +172,14 @@ class Jenkins(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[Scalar, ...], branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """Return the force lost to slip, sum alpha (x - y), and h times its rate."""
+        """Return the force lost to slip, sum alpha (x - y), and its rate times the time step h."""
         pairs = zip(self.alpha, memory, strict=True)
         return sum(alpha * (x - y) for alpha, x in pairs), -h * v * self._slipping(branch)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple, branch: tuple
     ) -> Scalar:
-        """Return half of h^2 times the second time derivative of the force lost to slip."""
+        """Return h^2/2 times the second time derivative of the force lost to slip."""
         return -0.5 * h**2 * a * self._slipping(branch)
 
     def glide(

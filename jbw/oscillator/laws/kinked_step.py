@@ -106,7 +106,7 @@ def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
 def _turn_slopes(
     motion: _Motion, ends: Ends, quartic: Scalar
 ) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
-    """Return the derivatives of turning point, curvature and first move by the path.
+    """Return derivatives of turning point, curvature and first move with respect to the path.
 
     Because the cubic is flat there, its move depends only on the path and not on where it turns.
     """
@@ -129,7 +129,7 @@ def _turn_slopes(
 
 
 def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
-    """Return derivatives by the path of a step, from those by its two moves."""
+    """Convert derivatives with respect to a step's two moves to those with respect to its path."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)

@@ -188,19 +188,19 @@ class Masing(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Branch, branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """Return F - K y and h times its rate."""
+        """Return the force without its linear part, F - K y, and its rate times the time step h."""
         return memory.force - self.stiffness() * y, h * v * memory.slope
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Branch, branch: tuple
     ) -> Scalar:
-        """Return half of h^2 times the second derivative of F - K y near a reversal."""
+        """Return h^2/2 times the second time derivative of F - K y near a reversal."""
         return 0.5 * h**2 * a * memory.slope
 
     def glide(
         self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple
     ) -> tuple[Branch, Bool[Array, "..."]]:
-        """Return the internal state after a step; True if it reversed, closed or met a kink."""
+        """Return the state after a step, and True if it reversed, closed a loop or met a kink."""
         sense, after = memory.sense, y + dy
         force, slope = self._on_branch(memory, after)
         met = (sense * dy <= 0.0) | closes(sense, after, memory.y, memory.closure)

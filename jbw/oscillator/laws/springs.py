@@ -38,7 +38,7 @@ class Spring(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> tuple[Scalar, Scalar]:
-        """Return the force f(y), and h times its rate f'(y) v."""
+        """Return the force f(y), and its rate f'(y) v times the time step h."""
         return barrier(jax.jvp(self, (y,), (h * v,)))
 
     def harmonics(

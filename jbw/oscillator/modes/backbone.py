@@ -339,7 +339,7 @@ def _imbalance(
 def _backbone_point(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Array
 ) -> tuple[ModalBackbone, Array]:
-    r"""Return one point of the backbone, with the largest number of turning points of a joint.
+    r"""Return one point of the backbone, and the turning points of the joint that turns most often.
 
     The loss of a joint per cycle is $\pi \sum_n n\,\mathrm{Im}(r_n \bar X_n)$.
     """

@@ -34,7 +34,7 @@ def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Arra
 def synthesis(
     q: Complex[Array, " harmonic"], theta: Float[Array, "..."], derivative: int = 0
 ) -> Float[Array, "..."]:
-    r"""Return the motion or its m-th derivative by theta, Re sum (j n)^m q_n exp(j n theta)."""
+    r"""Return the motion or its m-th derivative to theta, Re sum (j n)^m q_n exp(j n theta)."""
     basis = exponentials(theta, q.shape[0])
     return jnp.sum(basis * (1j * orders(q.shape[0])) ** derivative * q, -1).real
 
