@@ -129,7 +129,7 @@ class Discrepancy:
         return growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
-        """Return a kind of test's remaining error over its rms response, or else the largest."""
+        """Return a kind of test's remaining error over its rms response; the largest if unknown."""
         shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
         return shares.get(kind, max(shares.values(), default=0.0))
 
@@ -139,7 +139,7 @@ def _at(share: Scatter, missed: AtAmplitude) -> float:
 
 
 def growth(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt g$ on a standard deviation at an amplitude y [m].
+    r"""Return the factor $\sqrt g$ by which a standard deviation grows at an amplitude y [m].
 
     It grows with the logarithm of the amplitude; below the fitted range, where a joint is stuck, to
     three at most.
@@ -163,7 +163,7 @@ def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def outward(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ on the discrepancy; 0 up to $y_{max}$."""
+    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ on the law's error; 0 up to $y_{max}$."""
     if y is None or not 0 < y_low <= y_high < y:
         return 0.0
     grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)

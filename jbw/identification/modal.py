@@ -149,7 +149,7 @@ def _has(poles: Real, pole: Real) -> bool:
 
 
 def _staying(poles: Real) -> tuple[Real, Real]:
-    """Return the medians of groups of stable poles, with the sizes of the groups."""
+    """Return the medians of groups of stable poles, with the number of poles in each group."""
     remaining, groups = poles, []
     while len(remaining):
         # The group surrounds the pole with the most close neighbours.
@@ -373,7 +373,7 @@ def _enough(lines: FRFLines) -> None:
 
 
 def _projected(lines: FRFLines, starts: Real) -> Real:
-    """Fit the poles; the residues follow by linear least squares for any poles."""
+    """Fit the poles alone: for any poles, the best residues follow by linear least squares."""
     weights = np.split(np.sqrt(2 / observed_variance(lines)), len(lines.outputs))
     data = [part.h * to_measured(part) for part in lines.outputs]
     extra = [terms(part, lines.num_residuals) for part in lines.outputs]
@@ -420,7 +420,7 @@ def _stacked(rows: NDArray[np.complex128]) -> Real:
 
 
 def _typical(lines: FRFLines, start: Real) -> Real:
-    """Return typical sizes of all parameters of a modal fit, for scaling."""
+    """Return typical sizes of all parameters of a modal fit, by which they are scaled."""
     modal = lines.num_modes * lines.width
     blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
     blocks[:, 2:] = np.maximum(blocks[:, 2:], 0.1 * blocks[:, 2:].max(axis=0))

@@ -209,7 +209,7 @@ def _by_neighbour(
 
 
 def _hann(bins: Real) -> Real:
-    """Return the transform of the Hann window around its middle, in units of its duration."""
+    """Return the Fourier transform of the Hann window about its middle, in its durations."""
     # At bins = +-1, the limit of sinc / (1 - bins^2) is a half.
     regular = np.abs(np.abs(bins) - 1) > 1e-9
     safe = np.where(regular, bins, 0.0)

@@ -69,7 +69,7 @@ def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
 
 
 def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " freq"]:
-    r"""Return the paper's closed form of the third-order kernel at the probing tones [m^-2 s^6].
+    r"""Return the third-order kernel of Teloli et al. in closed form at the tones [m^-2 s^6].
 
     $$H_3(\omega) = -\lambda_3\,H_1(\omega)^3\,H_1(3\omega), \qquad
       \lambda_3 = \alpha\Bigl(\frac{\delta^2}{6} - \frac{35\,\delta}{96\,Y}\Bigr)$$
@@ -101,7 +101,7 @@ def log_likelihood(theta: Mapping[str, Array], data: KernelData) -> Float[Array,
 def known_noise_log_likelihood(
     theta: Mapping[str, Array], data: KernelData
 ) -> Float[Array, " freq"]:
-    """Return the log likelihood as printed in the paper, with `noise_std` as the known noise.
+    """Return the log likelihood of Eq. (36) as printed, with `noise_std` as the known noise.
 
     Reference:
         Eqs. (34), (36).
