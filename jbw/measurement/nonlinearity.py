@@ -93,7 +93,7 @@ class Stated(Protocol):
 
 
 def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
-    """Return sentences on nonlinearity in a test with faultless records in SI, if any.
+    """Return sentences on nonlinearity in the faultless records of a test; empty without any.
 
     The list is empty unless `records` have one length and sampling frequency.
     """
@@ -261,7 +261,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
 
 
 def _band(mean: np.ndarray) -> np.ndarray:
-    """Return a mask of the response's lines: those above a hundredth of its largest amplitude."""
+    """Return a mask of the lines that belong to the response: above a hundredth of the largest."""
     size = np.abs(np.fft.rfft(mean))
     return size > 0.01 * size.max()
 
@@ -467,7 +467,7 @@ def swept_harmonics(
 
 
 def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
-    """Return half-overlapping windows with equal turns of the source, where the source drives."""
+    """Return half-overlapping windows of equally many source periods, where the source drives."""
     loud = np.flatnonzero(amplitude > QUIET * amplitude.max())
     turns = np.maximum.accumulate(phase) / (2 * np.pi)
     first, last = float(turns[loud[0]]), float(turns[loud[-1]])

@@ -226,7 +226,7 @@ def run_of(test: Test) -> str:
 
 
 def periods(test: Test) -> Test | None:
-    """Return the steady periods of a multisine as repeats; None if its period is unknown.
+    """Return a multisine with its steady periods as repeats; None if its period is unknown.
 
     The `periods` of the returned test is the number of remaining periods of each record.
     """
@@ -296,7 +296,7 @@ def si_of(role: str, unit: str) -> tuple[float, str, str]:
 
 
 def sensitivity_of(role: str, written: str) -> tuple[float, str]:
-    """Return the volts of a sensor per unit of a role's quantity, and that unit.
+    """Return a sensor's volts per unit of the quantity of a role, and that unit.
 
     `100 mV/g` is (0.1, `g`), `40 mV/(mm/s)` is (0.04, `mm/s`).
 
@@ -316,7 +316,7 @@ def sensitivity_of(role: str, written: str) -> tuple[float, str]:
 
 
 def _per_source(role: str, unit: str) -> tuple[float, str, str] | None:
-    """Return factor, unit and source of a compound unit of response per force or voltage, or None.
+    """Return factor, unit and source of a unit of response per force or voltage, else None.
 
     Examples are an accelerance in `1/kg` and a mobility in `m/(N s)`.
     """

@@ -27,7 +27,7 @@ GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration":
 
 
 def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
-    """Return all faults that the checks find in a record, errors first."""
+    """Return all faults that the checks find in a record, errors before warnings."""
     # With `masked`, samples may be NaN. `is_curve` tells whether a frequency channel holds the
     # lines of a curve.
     faults, lengths = [], {role: len(x) for role, x in record.channels.items()}

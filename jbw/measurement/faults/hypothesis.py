@@ -44,7 +44,7 @@ Fits = DecayFits | SweepFits
 
 
 class Hypothesis:
-    """A kind of fault; a member offers the tests that can show it, and inherits none for others."""
+    """A kind of fault, with the tests that can show it; a test that it lacks finds nothing."""
 
     name: ClassVar[str]  # the name of the fault in a table
 
@@ -53,11 +53,11 @@ class Hypothesis:
         yield from ()
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield the cause with starting values for a joint fit with a mode, if it is applicable."""
+        """Yield the fault with starting values for a fit together with a mode, if applicable."""
         yield from ()
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a cause with these values is physical and large enough to matter."""
+        """Return whether the fault, with these values, is physical and large enough to matter."""
         raise NotImplementedError
 
     def fault(self, values: Reals, fits: Fits, facts: "Facts") -> FaultText:
@@ -65,15 +65,15 @@ class Hypothesis:
         raise NotImplementedError
 
     def spoils(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a cause with these values makes the record useless."""
+        """Return whether the fault, with these values, makes the record useless."""
         return False
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield what the fault leaves of the force of a loop, fitted together with sliders."""
+        """Yield the residual of a force loop that is fitted by sliders together with this fault."""
         yield from ()
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield what the fault would explain of the residual of an identification's fit."""
+        """Yield the columns by which this fault would change the data near a fit of the joint."""
         yield from ()
 
 
@@ -122,12 +122,12 @@ class LeftOver(NamedTuple):
 
 
 def best_of(fits: Fits) -> ModeFit:
-    """Return the fit of the amplitude basis with the smallest residual."""
+    """Return the fit with the smallest residual among fits with different powers of amplitude."""
     return min(fits.fits.values(), key=lambda fit: fit.squares)
 
 
 def remainder(fits: Fits) -> LeftOver:
-    """Return the residual of the best basis' fit to a record."""
+    """Return the residual of the best fit of a mode to a record."""
     best, signal = best_of(fits), fits.signal
     turned = best.residual
     if isinstance(fits, SweepFits):  # a steady line rotates relative to the frame of the drive
@@ -146,7 +146,7 @@ def remainder(fits: Fits) -> LeftOver:
 def named_cause(
     fits: Fits, hypotheses: Sequence[Hypothesis]
 ) -> tuple[Hypothesis, Reals, tuple[float, float]] | None:
-    """Return the hypothesis that explains the residual of a fitted mode; None if there is none.
+    """Return the fault that explains the residual of a fitted mode; None if no fault does.
 
     Its parameters follow, and frequency [Hz] and damping ratio of the linear mode that is fitted
     with it, as after a remedy.
@@ -194,7 +194,7 @@ def _mode(fits: Fits, linear: ModeFit) -> tuple[float, float]:
 
 
 def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, ModeFit]]:
-    """Yield joint fits of a hypothesis, with a linear mode and with a power law of amplitude.
+    """Yield fits of a mode together with a fault: a linear mode, then one with a power law.
 
     The fit with a power law also starts from the result of the fit with a linear mode.
     """
@@ -215,7 +215,7 @@ def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, Mod
 
 
 def joint_fit(fits: Fits, basis: str, cause: DecayCause | SweepCause) -> ModeFit | None:
-    """Return the joint fit of a mode and a cause; None if its numerics fail."""
+    """Fit a mode together with a fault; return None if the numerics fail."""
     fit: Any = fit_decay if isinstance(fits, DecayFits) else fit_sweep
     try:
         return fit(fits.signal, basis, fits.fits[basis].theta, fits.scale, fits.weight, cause)

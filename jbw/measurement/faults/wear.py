@@ -17,7 +17,7 @@ class Wear(Hypothesis):
     name = "wear of the joint"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield a force that changes along its path, if some cycles have one amplitude."""
+        """Yield wear along the path as a possible cause of a loop fit's residual."""
         loop = residual.loop
         if not (groups := of_one_amplitude(cycles_of(loop))):
             return

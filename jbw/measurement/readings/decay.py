@@ -130,7 +130,7 @@ class DecaySignal:
         return max(float(rate), 1e-3 / self.time[-1]), turn
 
     def passed(self, turn: float) -> float:
-        """Return the filter's gain for a steady line above the centre [rad/s]."""
+        """Return the filter's gain for a steady line at a frequency above the centre [rad/s]."""
         return float(np.abs(np.exp(_log_response(self, np.array([1j * turn]))[0]))[0])
 
     def until(self, count: int) -> "DecaySignal":
@@ -178,7 +178,7 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
 
 
 def _between_lines(z: Complexes, taps: Reals, step: int) -> float:
-    r"""Return the noise amplitude from the last third of an envelope, between its lines and modes.
+    r"""Return the noise amplitude in the last third of an envelope, excluding lines and modes.
 
     $$E|Z(f)|^2 = 4\sigma^2 |H(f)|^2 \sum w^2 / s, \qquad E|z|^2 = 4\sigma^2 \sum h^2$$
 
@@ -206,7 +206,7 @@ def _moments(taps: Reals, fs: float) -> Reals:
 
 
 def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Complexes]:
-    """Return the log of a filter's response to exp(s t), from even moments, and its slope in s."""
+    """Return the log of a filter's response to exp(s t), and its derivative with respect to s."""
     square = pole**2
     response, slope = np.full(len(pole), signal.moments[-1], complex), np.zeros(len(pole), complex)
     for moment in signal.moments[-2::-1]:
@@ -307,7 +307,7 @@ def _steepest(signal: DecaySignal) -> float:
 
 
 class _Flow(NamedTuple):
-    """A slow flow over ln a: rates, their derivatives with respect to all parameters, times [s]."""
+    """A slow flow over log amplitude: rates, their derivatives to all parameters, and times [s]."""
 
     signal: DecaySignal
     logs: Reals
@@ -376,7 +376,7 @@ class _Course(NamedTuple):
         return _hermite(self.time, *both, np.minimum(since, self.time[-1])) + late * self.slope[-1]
 
     def bare(self, since: float) -> complex:
-        """Return log amplitude + j phase of a decay at one time, without the filter."""
+        """Return the log amplitude + j phase of a decay at one time, before filtering."""
         return complex(_hermite(self.time, self.log, self.slope, np.array([since]))[0])
 
     def time_of(self, log_size: float) -> float:
@@ -549,7 +549,7 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
 def _powers(
     signal: DecaySignal, linear: ModeFit, scale: float, weight: Reals
 ) -> dict[str, ModeFit]:
-    """Fit bases with powers of the amplitude, as long as each next basis has a smaller residual."""
+    """Fit bases with more and more powers of the amplitude while the residual decreases."""
     level, phase, sigma, turn = linear.theta
 
     def fitted(name: str, start: list[float]) -> ModeFit:

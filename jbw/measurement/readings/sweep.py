@@ -118,7 +118,7 @@ class SweepSignal:
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
     def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
-        """Return the signal with another amplitude of motion, on which the filter depends."""
+        """Return the signal with a different amplitude of motion, on which the filter depends."""
         return replace(self, amplitude=amplitude)
 
 
@@ -242,7 +242,7 @@ def sweep_columns(
 
 
 def mirror_of(signal: SweepSignal, pole: Complexes) -> Complexes:
-    """Return the part of the conjugate pole, which is nearly equal for all similar poles."""
+    """Return the response of the conjugate pole, which is nearly equal for all similar poles."""
     growth, first, second, *_ = _moments(signal, np.conj(pole))
     begins = signal.u[0] / (1j * signal.rate[0] - np.conj(pole[0]))
     return _marched(growth, np.append(begins, _forced(signal, first, second)))
@@ -254,7 +254,7 @@ def _middle(values: Any) -> Any:
 
 
 def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
-    """Return the columns of a response that lags by a time [s], constant or given at every time."""
+    """Return the columns of a response delayed by a time [s], constant or given at every time."""
     return columns * np.exp(-1j * rate * lag_s)[:, None]
 
 
@@ -425,7 +425,7 @@ def _project(
 
 
 def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple[Complexes, Slopes]:
-    """Return the mode's pole [1/s] at every time from a basis, and its derivatives by parameter."""
+    """Return a mode's pole [1/s] at every time, and its derivatives to the basis' parameters."""
     basis = BASES[name]
     r = np.maximum(signal.amplitude / signal.a0, LEAST_RATIO)
     powers = basis.values(r, basis.exponent(theta)).T * scale
@@ -530,7 +530,7 @@ def _bases(
     scale: float,
     weight: Reals,
 ) -> dict[str, ModeFit]:
-    """Fit bases with powers of amplitude, starting from the previous round's fits if possible.
+    """Fit bases with more and more powers of amplitude, starting from the previous round's fits.
 
     Each next basis is tried only while the residual decreases.
     """
