@@ -222,7 +222,7 @@ class ModesAtJoint(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
-        """Return these logarithms in standard deviations, and log density over the uniform."""
+        """Return log motions and couplings in standard deviations, and log density over uniform."""
         logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
         rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():
@@ -231,7 +231,7 @@ class ModesAtJoint(KnownReading):
         return rows, directions, box - jnp.sum(logs)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return starting values in which each mode moves the joint as much as the first mode."""
+        """Return starting values with which each mode moves the joint as much as the first mode."""
         return Shown(lambda: dict.fromkeys(self.modes.free, 1.0) if self.modes else {})
 
     def statements(self, theta: Theta) -> list[str]:

@@ -52,7 +52,7 @@ def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
 
 
 def evenly(part: Observable) -> Observable | None:
-    """Return data whose groups have equal relative weights; None if that has no meaning."""
+    """Return data whose groups have equal relative weights; None if weights have no such form."""
     groups = part.groups
     if groups.is_prior or part.own_shifts:
         return None
@@ -157,7 +157,7 @@ def draw_noise(
 
 
 def squares_at(theta: Drawn, part: Observable) -> Float[np.ndarray, "... group"]:
-    """Return each data group's sum of squared residuals at draws of the parameters."""
+    """Return each data group's sum of squared residuals at every draw of the parameters."""
     shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
     points = {name: np.ravel(np.broadcast_to(values, shape)) for name, values in theta.items()}
     squares = _squares_at(jax.device_put(points), alone(part))
