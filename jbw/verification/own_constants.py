@@ -1,4 +1,4 @@
-r"""The residual constants of single tests in predictions, fitted to each test itself.
+r"""Residual constants of single tests, fitted to each test itself, in predictions.
 
 $$\min_{U, L} \sum \bigl(y - \hat y - (U + L/\omega^2)\,u\bigr)^2$$
 

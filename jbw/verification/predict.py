@@ -170,7 +170,7 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 
 
 def _reach(basis: Basis, test: Test, request: Request) -> float:
-    """Return a test's largest displacement, predicted by few draws, over the largest fitted."""
+    """Return a test's largest displacement over the largest fitted one, from a few draws."""
     if route_of(test) is predict_decay:
         return 1.0  # Before the prediction, the displacement is unknown.
     gain = _gain_for(basis, test, request)

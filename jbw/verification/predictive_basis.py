@@ -87,7 +87,7 @@ class Basis:
     discrepancy: Discrepancy | None = None  # model discrepancy of the law; None if unknown
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
-        """Return the number of draws of this and of each other law, with its basis."""
+        """Return how many draws this law and each other law contribute, with the basis of each."""
         counts = [(round(share * num_draws), basis) for share, basis in self.beside]
         counts = [(count, basis) for count, basis in counts if count >= 2]
         num_first = num_draws - sum(count for count, _ in counts)
@@ -123,7 +123,7 @@ class Basis:
         return scattered(key, theta, self._scatter(theta, missed))
 
     def _scatter(self, draws: Draws, missed: AtAmplitude) -> tuple[float, ...]:
-        """Return the standard deviations of omega_n and zeta between runs and by discrepancy."""
+        """Return the sd of omega_n and zeta, due to differences of runs and model discrepancy."""
         by_law = missed.frequency * float(np.mean(draws["omega_n"])), missed.damping
         if not any(by_law):
             return self.scatter
@@ -328,7 +328,7 @@ def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
 
 
 def seen_of(test: Test) -> CampaignTest:
-    """Return a test's facts that predictions need: kind, source unit, compared quantity."""
+    """Return the facts of a test that predictions need: kind, source unit, compared quantity."""
     record = test.records[0]
     place = (test.level if np.isfinite(test.level) else None, family_of(test), drive_of(test))
     if test.traits.is_prescribed:

@@ -156,7 +156,7 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
 
 
 def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
-    """Check whether a band's model discrepancy exceeds the error of a linear oscillator.
+    """Check whether a band's model discrepancy exceeds even the error of a linear oscillator.
 
     Empty if the bands have no discrepancy, or the joint has little effect: the linear oscillator is
     close, and no worse than the joint.
