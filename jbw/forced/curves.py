@@ -216,7 +216,7 @@ def _corrected(
 
 
 def _needed(table: LoopTable) -> Values:
-    """Return the force amplitude [N/kg] of a peak at each table node, of shape (draw, node)."""
+    """Return the force amplitude [N/kg] for a peak at each table node, of shape (draw, node)."""
     return peak_level(table.loops(table.y), table.y)
 
 
