@@ -78,7 +78,7 @@ class StrengthPosterior:
     constant: float
 
     def left(self, w: SliderStrengths) -> Float[np.ndarray, "particle row"]:
-        """Return the whitened residual for given strengths, with the best linear terms removed."""
+        """Return the whitened residual for given strengths, without the best linear terms."""
         made = w.of_stiffness @ self.by_stiffness.T + w.of_loss @ self.by_loss.T
         return self.readings - made - w.viscous[:, None] * self.by_viscous
 
@@ -97,7 +97,7 @@ class StrengthPosterior:
         return self._value(theta)[0]
 
     def _value(self, theta: Particles) -> tuple[Reals, SliderStrengths, RowColumns, RowColumns]:
-        """Return log likelihood, strengths, residual over its covariance, and slope by ln tau."""
+        """Return log likelihood, strengths, residual over covariance, and slope in ln tau."""
         w = self.prior.strengths(theta[:, :-1])
         left = self.left(w)
         variance = np.exp(2 * theta[:, -1:]) * self.own_sizes**2
@@ -105,12 +105,12 @@ class StrengthPosterior:
         solved = left - (variance / (1 + variance) * along) @ self.own.T
         excess = np.maximum(w.of_stiffness.sum(axis=1) - 1.0, 0.0)
         squares = np.sum(left * solved, axis=1) + np.log1p(variance).sum(axis=1)
-        # derivative of -squares/2 by ln tau
+        # derivative of -squares/2 with respect to ln tau
         by_scatter = variance / (1 + variance) * (along**2 / (1 + variance) - 1)
         return self.constant - 0.5 * squares - EXHAUSTED * excess, w, solved, by_scatter
 
     def with_slopes(self, theta: Particles) -> tuple[Reals, Particles]:
-        """Return the log likelihood [nats] and its slopes by the parameters."""
+        """Return the log likelihood [nats] and its derivatives with respect to the parameters."""
         value, w, solved, by_scatter = self._value(theta)
         if self.prior.slopes is None:
             steps = STEP * np.eye(theta.shape[1])
@@ -162,7 +162,7 @@ class StrengthPosterior:
 
     @staticmethod
     def columns(rows: ReadingRows, grid: SliderGrid) -> tuple[RowColumns, RowColumns, RowColumns]:
-        """Return the linear problem's columns for strengths of stiffness and loss, and damping."""
+        """Return the linear problem's columns for sliders' stiffness and loss, and for damping."""
         none = np.zeros((len(rows.y), len(grid.log_d)))
         return (
             np.vstack([-grid.softening(rows.y), none]),
