@@ -1,4 +1,4 @@
-"""The measurements on the rig: the paper's cantilever, its tests and six ways to measure it.
+"""The measurements on the rig: a cantilever (Teloli et al.), its tests, six ways to measure it.
 
 `everyday` is a working day of a laboratory: the structure is reassembled on each of three days,
 between which omega_n varies by 0.18 % as in the paper and zeta by 3 %. The laser adds 2 % of noise
