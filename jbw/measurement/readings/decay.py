@@ -307,7 +307,7 @@ def _steepest(signal: DecaySignal) -> float:
 
 
 class _Flow(NamedTuple):
-    """A slow flow over log amplitude: rates, their derivatives to all parameters, and times [s]."""
+    """A slow flow over log amplitude: rates, their parameter derivatives, and times [s]."""
 
     signal: DecaySignal
     logs: Reals

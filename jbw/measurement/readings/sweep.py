@@ -425,7 +425,7 @@ def _project(
 
 
 def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple[Complexes, Slopes]:
-    """Return a mode's pole [1/s] at every time, and its derivatives to the basis' parameters."""
+    """Return a mode's pole [1/s] at every time, and its derivatives with respect to parameters."""
     basis = BASES[name]
     r = np.maximum(signal.amplitude / signal.a0, LEAST_RATIO)
     powers = basis.values(r, basis.exponent(theta)).T * scale

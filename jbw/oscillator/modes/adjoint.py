@@ -119,15 +119,16 @@ class StepSlopes(NamedTuple):
 
 
 class JointSlopes(NamedTuple):
-    """Derivatives of all parts of a joint's time step, and of its linear parts to the constants.
+    """Derivatives of a joint's time step, and changes of its linear parts due to the constants.
 
     Attributes:
         start: Derivatives of r and h r' with respect to x, v and the memories.
         path_by: Change of the path due to the constants.
-        half_bend: Derivatives of h^2 r''/2 to x, v, a and the memories; None for one joint.
+        half_bend: Derivatives of h^2 r''/2 with respect to x, v, a and the memories; None for one
+            joint.
         bent_by: Change of the other joints' bending of the path due to the constants.
         turns: 1 where the joint turns, so that this bending moves the end of its path, else 0.
-        passing: Derivatives of `Passed` and the memories to x, v, memories and path.
+        passing: Derivatives of `Passed` and the memories with respect to x, v, memories and path.
         move_by: Change of the correction of x due to the constants.
         by_move: Derivatives of the memories with respect to the correction of x.
     """
@@ -236,7 +237,7 @@ def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]
     """Return a joint's step before the correction of its displacement x.
 
     Where the joint turns, the bends of the other joints add to x and v at the end of the path, and
-    to the shift; derivatives to these bends follow from the derivatives to the path.
+    to the shift; the effect of changes of these bends follows from that of changes of the path.
     """
     *start, path = at
     return pass_always(Begun(kernel, *start), path, bends)
