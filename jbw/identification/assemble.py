@@ -257,7 +257,7 @@ def _names(tests: Sequence[Test]) -> set[str]:
 
 
 def _reducible(seen: Measured) -> list[Test]:
-    """Return the tests to fit without held-out repeats and without tests for validation."""
+    """Return the tests to fit, without held-out repeats and without validation tests."""
     chosen, linear = seen.chosen, seen.linear
     validating = () if linear is None else selection.loop_tests(chosen, linear.natural_hz)
     split = [test for test in chosen if test.traits.is_transient or test.traits.is_free]

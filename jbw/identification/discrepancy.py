@@ -104,7 +104,7 @@ class Discrepancy:
         return not any(scatter.std or scatter.whole for scatter in scatters)
 
     def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
-        """Return the law's errors (standard deviations) at an amplitude [m], or the largest."""
+        """Return the sd of the law's errors at an amplitude [m]; for None the largest sd."""
         grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
         ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
         within = 1.0 if beyond else grown

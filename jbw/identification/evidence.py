@@ -186,7 +186,7 @@ def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
 
 
 def alike(settings: Identify) -> Identify:
-    """Return settings that treat all laws equally: same parametrisation, same run scatter.
+    """Return settings that treat all laws equally: same parametrisation, same scatter of runs.
 
     Softening and the runs' offsets are correlated: with a wide prior, offsets could replace all
     softening.

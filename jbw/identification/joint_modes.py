@@ -172,7 +172,7 @@ def _backbones(
 def _with_free_shape(
     backbones: Sequence[ModalBackbone], stiffness: Float[np.ndarray, " joint"]
 ) -> ModeNumbers:
-    """Return frequency, damping and joint contributions, with shapes that follow the amplitude."""
+    """Return frequency, damping and each joint's part, with mode shapes that follow amplitude."""
     omega, zeta, q, x, r = (
         np.stack([getattr(curve, name) for curve in backbones])
         for name in ("omega", "zeta", "q", "x", "r")
@@ -192,7 +192,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Return frequency, damping and joint contributions in the fully stuck mode shapes."""
+    """Return frequency, damping and each joint's part, with the fully stuck mode shapes."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}
@@ -291,7 +291,7 @@ def _by_first_order(
 def _about(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> tuple[Float[Array, "two joint mode level"], dict[str, Float[Array, "two joint mode level"]]]:
-    """Return the joints' stiffness loss K and losses L at a point, with derivatives."""
+    """Return the joints' stiffness loss K and losses L at a parameter point, with derivatives."""
     return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
 
 

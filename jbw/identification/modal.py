@@ -237,7 +237,7 @@ class ModalFit:
 
     @property
     def theta(self) -> Real:
-        """The vector of the covariance: omega, zeta, then the residues mode by mode."""
+        """The parameters to which the covariance belongs: omega, zeta, then residues by mode."""
         return np.concatenate([self.omega, self.zeta, self.residues.ravel()])
 
     @property
@@ -384,7 +384,7 @@ def _projected(lines: FRFLines, starts: Real) -> Real:
         return np.column_stack([omega, starts[:, 1] * np.exp(log_ratio)])
 
     def linear(poles: Real) -> tuple[list[Real], Real]:
-        """Return the best residues and terms for given poles, with the residual."""
+        """Return the best residues and residual terms for given poles, with the residual."""
         coefficients, residuals = [], []
         for part, weight, h, term_columns in zip(lines.outputs, weights, data, extra, strict=True):
             modal = [mode_lines(part, (omega, zeta, 1.0), lines.smear) for omega, zeta in poles]

@@ -108,7 +108,7 @@ class NoiseSquares(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """The squared residual after shifts of frequency and damping, and its mean by chance."""
+    """The squared residual after shifts of frequency and damping, and its expected value."""
 
     square: float
     mean: float
@@ -117,7 +117,7 @@ class Rest(NamedTuple):
 
     @property
     def is_by_chance(self) -> bool:
-        """Whether chance causes such a sum of squares in more than 1 % of cases."""
+        """Whether chance causes so large a squared residual in more than 1 % of cases."""
         if self.mean <= 0:
             return self.square <= 0
         scale = self.variance / (2 * self.mean)
@@ -664,7 +664,7 @@ def _rest(
     fraction: float,
     uncertain: Inexact[np.ndarray, "value parameter"] | None = None,
 ) -> Rest:
-    r"""Return a squared residual, its mean $N n + |M|^2$, and the variance of the difference."""
+    r"""Return a squared residual, its expected value $N n + |M|^2$, and its variance."""
     moved = np.zeros((len(row), 0)) if uncertain is None else uncertain
     real = real_rows(moved)
     count, of_errors, products = _count(row), float(np.sum(real**2)), real.T @ real

@@ -43,7 +43,7 @@ under_way = logging.getLogger("jbw.progress")
 
 
 class Readings(NamedTuple):
-    """Starting values of the laws of several joints, with sentences on a test of the joints."""
+    """Starting values of several joints' laws, and sentences on whether they explain the modes."""
 
     known: dict[str, float]
     statements: tuple[str, ...]

@@ -38,7 +38,7 @@ class PaperRoute:
 def paper_route(
     seen: Measured, keys: Iterator[Key[Array, ""]], report: Report, keep: Keep
 ) -> PaperRoute:
-    """Perform Steps 3 and 4 if a noise test, probing tones and the law allow them.
+    """Perform Steps 3 and 4 if noise test, tones at a third of the resonance, and law allow it.
 
     A step that the tests do not allow is omitted with a message, or raises an error if settings are
     strict.

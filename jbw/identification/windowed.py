@@ -87,7 +87,7 @@ class LineErrors:
         return np.concatenate([np.abs(self.hermitian[o, o, middle]) for o in outputs])
 
     def of_sum(self, weights: Complex) -> Real:
-        """Return the covariance of parameters that are sums Re sum_i G_ai d_i of errors."""
+        """Return the covariance of parameters that are sums Re sum_i G_ai d_i of line errors."""
         total = np.zeros((len(weights), len(weights)), complex)
         reach = self.hermitian.shape[2] // 2
         num_lines = self.hermitian.shape[-1]

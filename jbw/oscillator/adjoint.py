@@ -70,13 +70,13 @@ def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Tr
 
 
 def packed(stepping: Stepping, state: State) -> State:
-    """Return an oscillator's state as arrays for the time loop, with stacked reversals."""
+    """Return an oscillator's state as arrays for the time loop, with all load reversals stacked."""
     y, v, memory = state
     return y, v, pack_memories(stepping.step.laws, memory)
 
 
 def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
-    """Return the states of the time loop as states of scalars."""
+    """Convert the arrays of the time loop back to states of scalars."""
     y, v, memory = trajectory
     return y, v, unpack_memories(stepping.step.laws, memory)
 
@@ -172,7 +172,7 @@ def _linearised(
 
 
 def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
-    """Advance the derivative of a state by one step, with the step's matrix given by columns."""
+    """Advance the derivative of a state by one step, from the columns of the step's Jacobian."""
     columns, offset = inputs
     leaves, tree = jax.tree.flatten(x_dot)
     after = [
@@ -214,7 +214,7 @@ class _Tangents(NamedTuple):
 def tangent_of_stacks(
     stepping: Pushed, trajectory: Trajectory, stepping_dot: Pushed, initial_dot: State
 ) -> Trajectory:
-    """Compute the derivative of a trajectory of laws that remember load reversals."""
+    """Compute the derivative of a simulation whose laws remember load reversals."""
     laws: Laws = stepping.step.laws
     before, after = _but_last(trajectory), _but_first(trajectory)
     kinked = jax.vmap(partial(_kinked, stepping.step))(before, after, stepping.push)
@@ -331,7 +331,7 @@ def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 def _after(
     step: ExactStep, at: Any, x_dot: Carriers, step_dot: ExactStep, push_dot: Push
 ) -> Carriers:
-    """Compute the derivative of the state after a time step."""
+    """Compute the derivative of the state after a time step from that before it."""
     primals, tangents = (step, _split(step.laws, at.starts), at.push), (step_dot, x_dot, push_dot)
 
     def by(kinks: Kinks):
@@ -352,7 +352,7 @@ def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactS
 
 
 def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Push) -> Carriers:
-    """Return the carried variables after a time step, from those before it."""
+    """Advance by one time step the variables whose derivatives pass from step to step."""
     return _split(step.laws, advance(step, _joined(step.laws, start, x), push, kinks=kinks))
 
 

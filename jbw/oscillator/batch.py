@@ -73,7 +73,7 @@ class Motions(NamedTuple):
 
 
 class _Totals(NamedTuple):
-    """Sums and peaks, which are carried with the state from one piece of a record to the next."""
+    """The sums and peaks that are carried from one piece of a record to the next."""
 
     square: Any
     along: tuple[Any, ...]
@@ -91,7 +91,7 @@ class _Piece(NamedTuple):
 
 
 class _Lanes(NamedTuple):
-    """Values that differ in a batch of oscillators: joint, input gain, parts of the residual."""
+    """The values that differ in a batch of oscillators: joint, input gain, coefficients of rows."""
 
     joints: Oscillator
     gain: Float[Any, " lane"]  # gain of the input

@@ -186,7 +186,7 @@ def loop_by_moves(
 def harmonics_by_moves(
     law: Law, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar
 ) -> Complex[Array, " harmonic"]:
-    """Return the odd harmonics of F - K y, from a uniform grid over half a period."""
+    """Return the odd harmonics of the force's nonlinear part, from a grid over half a period."""
     points = max(_PERIOD_POINTS, 32 * q.shape[0]) // 2
     theta = crest(q) + np.pi * np.arange(2 * points) / points
     r = law.force_over_period(q, theta, max_turns, omega) - law.stiffness() * synthesis(q, theta)
@@ -210,7 +210,7 @@ def force_by_moves(
 
 
 def no_force(law: Law) -> str | None:
-    """Return a warning if a parameter is below its smallest value, else None."""
+    """Return a warning if a parameter is below its smallest allowed value, else None."""
     parameters = law.parameters()
     for quantity in law.table:
         least = float(np.min(np.asarray(parameters[quantity.name])))

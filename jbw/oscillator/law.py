@@ -262,7 +262,7 @@ class Law(eqx.Module):
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return factors that convert the internal state to velocities; zero for counters.
+        """Return factors that convert the internal state to velocities; counters have zero.
 
         By default every entry is a force [N/kg] and its factor is 1 / omega_n.
         """

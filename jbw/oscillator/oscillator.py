@@ -71,7 +71,7 @@ class Oscillator(eqx.Module):
         return tuple(law.move(y, law_memory, dy) for law, law_memory in pairs)
 
     def follow(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
-        """Return the laws' internal states after one of many moves along a record."""
+        """Return the laws' internal states after one of the many short moves along a record."""
         pairs = zip(self.laws, memory, strict=True)
         return tuple(law.follow(y, law_memory, dy) for law, law_memory in pairs)
 

@@ -67,7 +67,7 @@ class _Task(eqx.Module):
 def residual_sums(
     joint: Oscillator, source: HeldInput, fs: Scalar, substeps: int, compared: Compared
 ) -> Sums:
-    """Return the sums over a record's residual, differentiable by the joint and the gain.
+    """Return the sums over a record's residual, differentiable in the joint and the gain.
 
     Args:
         joint: The oscillator; the exact step must support all of its laws.

@@ -16,7 +16,7 @@ from jbw.paper.objectives import kernel_residual
 
 
 class KernelData(eqx.Module):
-    """The measured third-order kernel at the probing frequencies, over repeats."""
+    """The measured third-order kernel at the frequencies of the tones, over repeats."""
 
     omega: Float[Array, " freq"]  # probing frequencies [rad/s]
     mean: Complex[Array, " freq"]  # mean of H3 over the repeats [m^-2 s^6]
@@ -33,7 +33,7 @@ class KernelData(eqx.Module):
 
 
 def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
-    r"""Reduce the measured kernel to means and deviations, one entry per probing frequency.
+    r"""Reduce the measured kernel to means and deviations, one entry per tone.
 
     $$\sigma_i^2 = \frac{S_i}{2(K_i - 1)}$$
 
@@ -85,7 +85,7 @@ def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " fr
 
 
 def log_likelihood(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " freq"]:
-    r"""Return the log likelihood of each probing frequency, with its noise integrated out.
+    r"""Return the log likelihood of the kernel at each tone, with its noise integrated out.
 
     $$\log p = -K \log\bigl(K\,|\bar H_3 - H_3(\theta)|^2 + S\bigr) + \mathrm{const}$$
 

@@ -66,7 +66,7 @@ def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bound
 
 
 def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrder, ...]:
-    """Return the third-order kernel of each probing test, without the source's own harmonic.
+    """Return the third-order kernel measured by each tone, without the source's third harmonic.
 
     The source's harmonic excites the structure while it slides under the tone, which is softer than
     in Step 2. A first kernel by H1 shows how much softer; the second kernel uses the softer
@@ -212,7 +212,7 @@ def predicted(posterior: xr.Dataset, data: KernelData) -> NDArray[np.complex128]
 
 
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
-    r"""Return the kernel's energy over the probing band for each draw, shape (chain, draw).
+    r"""Return the kernel's energy over the band of the tones for each draw, shape (chain, draw).
 
     $$\int_B |H_3(\omega)|^2\,\mathrm{d}\omega$$
 

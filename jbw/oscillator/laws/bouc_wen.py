@@ -63,7 +63,7 @@ _PRODUCTS = Coordinates(
 
 
 class BoucWenLaw(Law):
-    r"""The Bouc-Wen hysteresis law of the paper, whose internal state is the force Z.
+    r"""The Bouc-Wen hysteresis law of Teloli et al., whose internal state is the force Z.
 
     $$\dot Z = \alpha\dot y - \gamma|\dot y||Z|^{\nu-1}Z - \delta\dot y|Z|^\nu$$
 
@@ -242,7 +242,7 @@ class BoucWenLaw(Law):
         require_closed_form(self)
 
     def admits(self, memory: Scalar) -> None:
-        """Raise if an initial Z exceeds alpha/(delta + |gamma|), from where it would diverge."""
+        """Raise if an initial Z exceeds alpha/(delta + |gamma|), above which it diverges."""
         softening = np.maximum(np.asarray(self.delta) + np.abs(np.asarray(self.gamma)), 0.0)
         limit = np.maximum(np.asarray(self.alpha), 0.0)
         if self.nu == 1.0 and np.any(np.abs(memory) * softening > limit):

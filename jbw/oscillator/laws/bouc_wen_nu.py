@@ -48,7 +48,7 @@ _PERIODS = 4  # number of Newton steps that solve for the stretch of the steady 
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return stiffness loss per delta and damping per gamma at small motion, over (alpha Y)^nu.
+    r"""Return, in small motion, stiffness loss / delta and damping / gamma, over (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """

@@ -126,7 +126,7 @@ class GapSeries(Law):
         return 0.0 * self.gap_stiffness
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return factors of force and position to velocities: 1 / omega_n and omega_n."""
+        """Return factors that convert force and position to velocities: 1 / omega_n, omega_n."""
         return 1.0 / omega_n, omega_n
 
     def branch(self, v: Scalar, memory: Memory) -> Contact:
@@ -225,12 +225,12 @@ class GapSeries(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> Memory:
-        """Return the internal state in contact, at the tip of a loop of amplitude Y - b."""
+        """Return the internal state in contact, at the tip of the element's own loop."""
         beyond = jnp.maximum(jnp.asarray(y_peak, float) - self.gap, 0.0)
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return equivalent stiffness and damping, $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$.
+        r"""Return equivalent stiffness and damping, from the loss E per cycle in contact.
 
         The motion is y = Y cos(theta).
         """

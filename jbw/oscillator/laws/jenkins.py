@@ -165,7 +165,7 @@ class Jenkins(Law):
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Bool[Array, "..."], ...]:
-        """Return which sliders slip; their stretch is exactly phi, because moves clip it."""
+        """Return which sliders slip; these are stretched exactly by their slip displacement."""
         pairs = zip(memory, self.phi, strict=True)
         return tuple(signed(x, v) >= phi for x, phi in pairs)
 
@@ -280,7 +280,7 @@ class Jenkins(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force [N/kg] at angles of a period with two turning points; exact."""
+        """Return the exact steady force [N/kg] at angles of a period with two turning points."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         peak = synthesis(q, crest(q))

@@ -129,7 +129,7 @@ class Masing(Law):
         return self.move(0.0 * y_peak, self.at_rest(), y_peak)
 
     def memory_unit(self, omega_n: Scalar) -> Branch:
-        """Return factors of the state to velocities: 1/omega_n for forces, omega_n for lengths."""
+        """Return factors from state to velocities: 1/omega_n for forces, omega_n for lengths."""
         # Counters and dependent entries have a small weight, a power of two to avoid rounding.
         small = 2.0**-10 + 0.0 * omega_n
         none = 0.0 * omega_n  # `missed` only counts upwards, so it has no part in a steady state.
@@ -159,7 +159,7 @@ class Masing(Law):
         return memory.stack.y, memory.stack.f
 
     def with_columns(self, y: Scalar, memory: Branch, columns: tuple) -> Branch:
-        """Return the branch at y that follows from other load reversals."""
+        """Return the branch at y that follows from the given load reversals."""
         stack = memory.stack._replace(y=columns[0], f=columns[1])
         return self.refreshed(y, memory._replace(stack=stack))
 
@@ -267,7 +267,7 @@ class Masing(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics of F - K y, if the motion has two turning points per period."""
+        """Return the odd harmonics of F - K y, for a motion with two turning points per period."""
         if max_turns > 2:
             return super().harmonics(q, max_turns, omega)
         return steady_harmonics(self, q)
@@ -279,7 +279,7 @@ class Masing(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force [N/kg] at angles of a period with two turning points; exact."""
+        """Return the exact steady force [N/kg] at angles of a period with two turning points."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         return steady_force(self, q, theta)

@@ -169,7 +169,7 @@ class _Segment(NamedTuple):
 
 
 class _Segments(NamedTuple):
-    """The parts of two moves, and which move, if any, crosses z = 0; `past` is its distance."""
+    """The parts of two moves, which move crosses z = 0, and the signed distance past zero."""
 
     a: _Segment
     b: _Segment
