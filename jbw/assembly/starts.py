@@ -44,7 +44,7 @@ class JointStarts:
 
     @property
     def explains(self) -> bool | None:
-        """Whether these joints explain these modes; None if there are no degrees of freedom."""
+        """Whether the estimated joints explain the modes; None without a degree of freedom."""
         return None if np.isnan(self.p) else self.p >= BY_CHANCE
 
 

@@ -221,7 +221,7 @@ def posterior_of(
 
 
 def _term_columns(terms: Sequence[str], ratio: Reals) -> tuple[RowColumns, RowColumns]:
-    """Return the effect of each term on omega^2 and 2 zeta, at ratios to the largest amplitude."""
+    """Return each term's effect on omega^2 and 2 zeta, at amplitudes relative to the largest."""
     springs = [ratio ** SPRINGS[name] if name in SPRINGS else 0 * ratio for name in terms]
     dampers = [ratio ** DAMPERS[name] if name in DAMPERS else 0 * ratio for name in terms]
     shape = len(ratio), len(terms)

@@ -95,7 +95,7 @@ class SliderGrid:
 
 
 def grid_for(smallest: float, largest: float, per_decade: int = PER_DECADE) -> SliderGrid:
-    """Return the slider grid for amplitudes of a motion [m]: from 1/20 to six times of these."""
+    """Return the slider grid for a motion's amplitudes [m]: from 1/20 to six times these."""
     low, high = np.log(BELOW * smallest), np.log(ABOVE * largest)
     count = max(4, int(np.ceil((high - low) / np.log(10) * per_decade)))
     edges = np.linspace(low, high, count + 1)

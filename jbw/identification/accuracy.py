@@ -66,7 +66,7 @@ def another_law(laws: Sequence[str]) -> str:
 def solver_change(
     theta: Mapping[str, Float[np.ndarray, "..."]], data: Dataset
 ) -> NDArray[np.float64] | None:
-    """Return how the log likelihood of each draw changes with half the solver step, or None."""
+    """Return how each draw's log likelihood changes with half the solver step, or None."""
     finer = halved(data)
     if finer is None:
         return None

@@ -13,7 +13,7 @@ from jbw.quantities import Motion, derivative_order
 
 
 class MeasuredCurve(NamedTuple):
-    """A measured harmonic response, line by line; the excitation may vary along the lines."""
+    """A measured harmonic response at each frequency; the excitation may vary between them."""
 
     freq_hz: Reals  # excitation frequencies, in the order of the file [Hz]
     source: Reals  # peak amplitude of the excitation, whose phase is zero

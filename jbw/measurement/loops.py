@@ -141,7 +141,7 @@ def _predicted(x: Reals, num_samples: int) -> Reals:
 
 
 def _burg(x: Reals, order: int) -> Reals:
-    """Compute coefficients (1, a_1, ..., a_p) of sum_i a_i x[n - i] = e[n] by Burg: stable."""
+    """Compute coefficients of a stable autoregressive model, sum_i a_i x[n - i] = e[n], by Burg."""
     # J. P. Burg, Maximum entropy spectral analysis, PhD thesis, Stanford (1975).
     forward, backward = x[1:], x[:-1]
     a = np.ones(1)

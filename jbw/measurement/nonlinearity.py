@@ -155,7 +155,7 @@ def _sweep(u: NDArray[np.float64], y: NDArray[np.float64], fs: float) -> Iterato
 def _multisine(
     test: Stated, u: NDArray[np.float64], y: NDArray[np.float64], fs: float
 ) -> Iterator[str]:
-    """Yield sentences on distortion and noise, from periods, realisations and unexcited lines."""
+    """Yield sentences on distortion and noise of a multisine, from periods and unexcited lines."""
     size, rest = divmod(u.shape[1], test.periods)
     skipped = int(np.ceil(test.settle * fs / size - 1e-6))
     if rest or skipped >= test.periods:
@@ -224,7 +224,7 @@ class Repeatability(NamedTuple):
 
 
 def repeatability(y: ArrayLike) -> Repeatability:
-    """Measure the variation of repeats of one excitation, shape (repeat, time), with one start.
+    """Measure the variation of repeats (repeat, time) of one excitation with equal starts.
 
     Raises:
         DataError: A sample is NaN, there are fewer than two repeats, or the channel is constant.
@@ -503,7 +503,7 @@ def _fitted(
 
 
 def largest_share(harmonics: SweptHarmonics, order: int) -> tuple[float, float, float]:
-    """Return an order's largest harmonic over the largest fundamental, its noise, and place [Hz].
+    """Return an order's largest harmonic over the largest fundamental, its noise, frequency [Hz].
 
     The possible effect of the source's own harmonic is subtracted: the size of that harmonic times
     the largest ratio of response to source.

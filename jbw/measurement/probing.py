@@ -147,7 +147,7 @@ def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, C
 
 
 def _require_tone(source: Harmonics, omega: float) -> None:
-    """Raise a DataError if the input has no tone at the probing frequency."""
+    """Raise a DataError if the input has no tone at the stated frequency."""
     if np.any(np.abs(source.amplitudes[:, 0]) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
         raise DataError(
             f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",

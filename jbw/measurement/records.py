@@ -186,7 +186,7 @@ class Test:
 
     @property
     def is_cyclic(self) -> bool:
-        """Whether the records hold several whole periods of their excitation."""
+        """Whether the records contain several whole periods of their excitation."""
         return self.traits.is_periodic and self.periods > 1
 
 
@@ -277,7 +277,7 @@ def _cut(record: Record, start: int, size: int) -> Record:
 
 
 def si_of(role: str, unit: str) -> tuple[float, str, str]:
-    """Return the factor to SI, the SI unit, and the source (force, input) that a ratio is per.
+    """Return factor to SI, SI unit, and the source (force, input) by which a ratio is divided.
 
     For decibels they are those of the unit of the reference.
     """

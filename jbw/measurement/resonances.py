@@ -54,7 +54,7 @@ class AmplitudeCurve(NamedTuple):
 
 
 def curve_of_points(points: Sequence[tuple[float, float, float]]) -> AmplitudeCurve:
-    """Return points of amplitude, frequency and damping with errors estimated from neighbours.
+    """Return amplitude, frequency and damping of points, with errors from their neighbours.
 
     A value's deviation from the line through its neighbours has 3/2 of its variance. The median is
     insensitive to a bend.
@@ -140,7 +140,7 @@ def _named(record: Record) -> str:
 
 
 def read_lines(lines: DrivenLines) -> Reading:
-    """Return the resonance of a time record, at the energy-weighted amplitude of its envelope."""
+    """Return frequency and damping of a time record, at its energy-weighted mean amplitude."""
     read = read_resonance(lines.omega, lines.source, lines.y)
     centre = 2 * np.pi * read.frequency_hz
     near = np.abs(lines.omega - centre) < WIDE * centre

@@ -43,7 +43,7 @@ LEAST_BEGUN = 8  # smallest number of envelope values in that section
 
 
 class Decays(Envelopes):
-    """The free decays of one mode, as reduced for the likelihood.
+    """The free decays of one mode, reduced to the form that the likelihood needs.
 
     `solution` is the logarithm of the simulated decay where it was computed before.
     """
@@ -104,7 +104,7 @@ class Decays(Envelopes):
 
     @property
     def _says(self) -> Bool[Array, " record"]:
-        """Whether a record has more independent values than unknowns (initial state, shift)."""
+        """Whether a record has more independent values than unknowns (initial state and shift)."""
         return self.groups.num_values > self.groups.num_own
 
     @property
@@ -264,7 +264,7 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
 
 
 def matched(theta: Theta, data: Decays) -> Match:
-    """Fit each record's initial state and shift at one parameter point, compiled."""
+    """Fit each record's initial state and shift at one parameter point, by a compiled program."""
     lanes = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
     solved = data.solved(lanes, 1, writes=True)
     if solved is not None and solved.solution is not None:

@@ -29,7 +29,7 @@ def drift_of(
     predicted: Complex[np.ndarray, " value"],
     time: Float[np.ndarray, " value"],
 ) -> Drift:
-    """Fit the drift of a prediction from an envelope, over time since its beginning's middle."""
+    """Fit the drift of an envelope from its prediction, over time since the middle of its start."""
     ratio = measured / predicted
     weight = np.abs(measured) ** 2 * time
     along = np.sum(weight * time)

@@ -132,7 +132,7 @@ def _largest_read(test: Test, y_start: float) -> float:
 
 
 def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Groups:
-    """Return one data group and one run per record; the frequency shift follows its values."""
+    """Return one data group and one run per record; the frequency shift ends each row."""
     count, length = envelope.shape
     names = [f"{test.name} {i + 1}" for i in range(count)]
     return repeated(

@@ -76,7 +76,7 @@ class Matched(NamedTuple):
 
 
 class ModalDecays(Decays):
-    """The free decays of several modes, as reduced for the likelihood.
+    """The free decays of several modes, reduced to the form that the likelihood needs.
 
     Attributes:
         begun: Own unknowns of each record, as in `Start`, from which the search for the best

@@ -67,7 +67,7 @@ def evenly(part: Observable) -> Observable | None:
 
 
 def with_discrepancy(residuals: Rows, data: Dataset) -> Dataset:
-    """Return the dataset with the law's expected misfit, one share of each group's response."""
+    """Return the dataset with the law's expected misfit, an equal share of each response."""
 
     def with_share(part: Observable) -> Observable:
         if part.groups.is_prior or part.own_shifts:

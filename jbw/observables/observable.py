@@ -96,7 +96,7 @@ class Shown(NamedTuple):
 
 
 class Observable(eqx.Module):
-    """The reduced data of one kind of test, as the likelihood needs them.
+    """The reduced data of one kind of test, in the form that the likelihood needs.
 
     `reduce` and `predict` are required. All other methods have defaults for a mean of repeats minus
     its prediction; functions of `groups` and `noise` read the columns of the table `groups`.
@@ -270,7 +270,7 @@ class KnownReading(Observable):
         return self.whitened(theta)[:2]
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """Estimate the run offsets from these values, with their known covariance."""
+        """Estimate the run offsets from values with known covariance."""
         residual, directions, term = self.whitened(theta)
         estimate = known_estimate(residual, directions[:, :num_offsets])
         return estimate._replace(log_density=estimate.log_density + term)

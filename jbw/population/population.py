@@ -401,7 +401,7 @@ def _correlation(design: CovariateDesign) -> float | None:
 
 
 def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:
-    """Return parameters without a logarithm, or undetermined, in some units, with these units."""
+    """Return parameters that in some units are not positive or not known, and the units."""
     lacking = json.loads(fleet.attrs["left_out"])
     return {n: lacking[n] for n in parameters_of(fleet) if n in lacking and n != GAIN}
 

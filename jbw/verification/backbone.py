@@ -85,7 +85,7 @@ def _unloading(
 
 
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:
-    r"""Return frequency and damping against amplitude, measured in free decays and by the model.
+    r"""Return frequency and damping against amplitude, from free decays and from the model.
 
     $$X = \omega(Y)^p\,Y$$
 

@@ -200,7 +200,7 @@ def verify_forced(
 def _curves_together(
     forced: ForcedTests, tests: Sequence[Test]
 ) -> dict[tuple[str | None, str, AtAmplitude], dict[str, Curve]]:
-    """Group curves by run, drive and model discrepancy, with fitted single tones apart."""
+    """Group curves by run, drive and model discrepancy; fitted single tones are kept separate."""
     curves = curves_of([test for test in tests if test.name in forced.fitted])
     held_out = [test for test in tests if test.name not in forced.fitted]
     curves |= curves_of(held_out, " (held out)")

@@ -197,7 +197,7 @@ def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0
 
 
 def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
-    """Return the gain for the source of a test; None if it is the source of the run."""
+    """Return the gain for the source of a test; None if the run has the same source."""
     drive = "force" if test.traits.is_prescribed else drive_of(test)
     if (stated := gain_of(request.gain, drive)) is not None:
         return stated
@@ -242,7 +242,7 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
 
 
 def row_of(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return a prediction as plain numbers, with None for those that are unknown."""
+    """Return a prediction as plain numbers, with None for unknown values."""
     attrs = dataset.attrs
     columns = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
     row = {name: attrs.get(name) for name in columns}

@@ -176,7 +176,7 @@ class Basis:
         return self.discrepancy is not None and not self.discrepancy.is_nothing
 
     def has_fitted(self, test: Test) -> bool:
-        """Return whether a test was fitted: the name of a data group begins with its name."""
+        """Return whether a test was fitted: a data group's name begins with its name."""
         fitted = noise_by_label(self.posterior)
         matches = (belongs_to(label, test.name) for label in fitted)
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
@@ -282,7 +282,7 @@ def decay_attrs(data: Decays) -> dict[str, str]:
 
 
 def basis_of(tree: xr.DataTree) -> Basis:
-    """Return what a run predicts from, read from its result."""
+    """Return the inputs of a run's predictions, read from its result."""
     laws, attrs = laws_of_run(tree), tree.attrs
     posterior = tree["posterior"].to_dataset()
     # Predicted measurements have the same instrument errors, so no uncertainty is added for them.

@@ -138,7 +138,7 @@ def advance_chains(
     make: MakeKernel,
     options: Any,
 ) -> tuple[PyTree, Draw]:
-    """Take `count` steps, compiled for all counts up to `capacity`; further rows are zero."""
+    """Take `count` steps, compiled for all counts up to `capacity`; unused rows are zero."""
 
     def advance(state: PyTree, shared: tuple[Problem, Array]) -> tuple[PyTree, Draw]:
         problem, count = shared
@@ -155,7 +155,7 @@ def evaluate_chains(
     problem: Problem,
     chain_method: str,
 ) -> Float[Array, "chain draw term"]:
-    """Evaluate the log likelihood's terms [nats] at draws from first to last, else zero."""
+    """Evaluate the log likelihood's terms [nats] at draws `first` to `last`; others are zero."""
 
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
         problem, first, last = shared

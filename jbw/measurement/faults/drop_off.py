@@ -18,7 +18,7 @@ SMOOTHED = 0.02  # share of the values over which the drive is smoothed
 
 
 class DropOff(Hypothesis):
-    """The noise of a drive that is left where it falls at the resonance."""
+    """The noise of a drive, where its amplitude falls to the noise at the resonance."""
 
     name = "drop-off of the drive"
 

@@ -49,7 +49,7 @@ class Hypothesis:
     name: ClassVar[str]  # the name of the fault in a table
 
     def seen(self, fits: Fits, facts: "Facts") -> Iterator[Fault]:
-        """Yield the fault if the record of a fitted mode shows it without a joint fit."""
+        """Yield the fault if a fitted mode's record shows it without a fit of both together."""
         yield from ()
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:

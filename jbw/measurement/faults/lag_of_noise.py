@@ -127,7 +127,7 @@ def _squares(design: Float[np.ndarray, "value unknown"], target: Reals) -> _Fit:
 
 
 def _better(simple: _Fit, extended: _Fit, count: int, unknowns: int) -> bool:
-    """Return whether an additional unknown reduces the squares by more than noise would."""
+    """Return whether one more unknown reduces the sum of squares by more than noise would."""
     degrees = (count - unknowns) / 2  # neighbouring values overlap by half
     ratio = (simple.squares - extended.squares) / max(extended.squares, 1e-300) * degrees
     return bool(fdtrc(1, degrees, ratio) < ODDS)

@@ -47,7 +47,7 @@ DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 def unsteady(
     record: Record, tones_hz: Sequence[float], settle: float, dwell: float | None
 ) -> Iterator[Fault]:
-    """Report tones, or steps of `dwell` seconds, that did not settle or whose order 3 is noise."""
+    """Report tones, or steps of `dwell` seconds, not settled or with too small a third harmonic."""
     y, role, fs = record.channels[record.response], record.response, record.fs
     fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
@@ -290,7 +290,7 @@ def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
 
 
 def _around(freq: Reals, size: Reals) -> Reals:
-    """Return the median of the lines around each frequency, in bands of a frequency ratio 1.5."""
+    """Return the median of the spectral lines around each frequency, in bands of ratio 1.5."""
     edges = np.geomspace(freq[0], freq[-1], 2 + int(np.log(freq[-1] / freq[0]) / np.log(1.5)))
     parts = np.searchsorted(edges, freq, side="right")
     masks = [parts == part for part in np.unique(parts)]

@@ -38,7 +38,7 @@ APART = 0.05  # relative distance in frequency from which a mode is not the join
 
 
 class SecondMode(Hypothesis):
-    """A second mode: amplitude, phase, distance and damping, the last two in damping rates."""
+    """A second mode: amplitude, phase, distance and damping; the last two over the first's rate."""
 
     name = "second mode"
 
@@ -100,7 +100,7 @@ def modes_at(misfit: Misfit, places: Iterable[float]) -> Iterator[Suspect]:
 
 
 def _driven(misfit: Misfit) -> Reals:
-    """Return the driven frequencies [rad/s] of all groups."""
+    """Return the driven frequencies [rad/s] of all data groups."""
     lines = [s.omega[driven_lines(s)] for s in misfit.spectra.values()]
     return np.concatenate([line[line > 0] for line in lines])
 

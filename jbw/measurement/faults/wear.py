@@ -12,7 +12,7 @@ from jbw.report.messages import loop_faults as messages
 
 
 class Wear(Hypothesis):
-    """The change of the force along the path and its square, from cycles of one amplitude."""
+    """The change of a joint's force by wear, with the travelled path and its square."""
 
     name = "wear of the joint"
 

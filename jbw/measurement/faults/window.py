@@ -39,7 +39,7 @@ class Window(Hypothesis):
     name = "exponential window"
 
     def seen(self, fits: Fits, facts: Facts) -> Iterator[Fault]:
-        """Yield a warning if the noise of a decay falls too."""
+        """Yield a warning if the noise in a record of a decay decays too."""
         if not isinstance(fits, DecayFits):
             return
         (low, high), record, signal = facts.band_hz, facts.record, fits.signal

@@ -152,7 +152,7 @@ def _channel(
     request: Wanted,
     clock: _Clock,
 ) -> tuple[_Channels, str]:
-    """Return one role's repeats in SI, and the source per unit of which the response is given."""
+    """Return one role's repeats in SI, and the source by which a response is divided, if any."""
     items, is_curve, done = sources[role], _is_curve(role, sources), {}
     unit, against = _unit(role, items[0].unit, request)
     reference, unit = decibels(unit) or (0.0, unit)

@@ -346,7 +346,7 @@ def _is_cut(body: Sequence[str], dialect: Dialect, path: Path) -> bool:
 
 
 def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
-    """Return names and units of the columns from the last lines above the table of equal width."""
+    """Return the columns' names and units, from the last lines of equal width above the table."""
     lines = [line for line in header if line.strip()][-HEADED:]
     rows = [_row(line, dialect) for line in lines]
     rows = [row for row in rows if len(row) == dialect.columns]
@@ -524,7 +524,7 @@ def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
 def _on_own_clocks(
     columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str], clocks: Sequence[int]
 ) -> list[Leaf]:
-    """Return column leaves; with several time columns each gets the rate of the one before it.
+    """Return columns as leaves; each gets its rate from the time column before it, if several.
 
     Empty cells below the end of a shorter column, and those between the samples of a slower one,
     are no lost samples.

@@ -112,7 +112,7 @@ class Elements:
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
     def element(self) -> tuple[int, memoryview]:
-        """Return data type and content of the next element; up to four bytes fit its tag."""
+        """Return type and content of the next element; up to four bytes are stored in its tag."""
         (code,) = self.integers("I")
         if size := code >> 16:
             if size > 4:

@@ -52,7 +52,7 @@ SAFE = 1.15  # factor on a noise that is estimated from few lines
 
 
 class Jump(NamedTuple):
-    """A jump of a decay to another point of its flow: time [s], changes of ln a and of phase."""
+    """A jump of a decay to another of its states: time [s], changes of ln a and of phase."""
 
     time_s: float
     growth: float
@@ -337,7 +337,7 @@ class _Flow(NamedTuple):
 def _flow(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, above: float = 0.0
 ) -> _Flow | None:
-    """Return the flow of a basis from its start, raised by `above` in ln a; None if invalid."""
+    """Return the slow flow for given powers of amplitude from its start; None if invalid."""
     terms = basis.terms
     own, turned = slice(2, 2 + terms), slice(2 + terms, 2 + 2 * terms)
     low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
@@ -412,7 +412,7 @@ def fit_decay(
     weight: Reals,
     cause: DecayCause | None = None,
 ) -> ModeFit:
-    """Fit the slow flow of a basis to a decay, together with an additional cause if given.
+    """Fit a mode with given powers of amplitude to a decay, and an additional cause if given.
 
     Args:
         signal: Decay from `decay_signal`.
@@ -476,7 +476,7 @@ def fit_decay(
 
 
 class DecayFits(NamedTuple):
-    """A decay, cut where its noise begins, and the fits of all bases to it.
+    """A decay, cut where its noise begins, and its fits with each set of powers of amplitude.
 
     Attributes:
         signal: Values that were fitted.
@@ -505,7 +505,7 @@ class DecayFits(NamedTuple):
 
 
 def fit_bases(signal: DecaySignal) -> DecayFits:
-    """Fit all bases to a decay, with the noise estimated where the mode has decayed."""
+    """Fit a mode to a decay, with each set of powers of amplitude; estimate the noise first."""
     scale, turn = signal.first()
     noise = max(signal.tail, 1e-9 * signal.a0)
     half_step = 0.5 * signal.quantum

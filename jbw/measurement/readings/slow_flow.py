@@ -55,7 +55,7 @@ NESTED = ("linear", "power", "power2", "power3")  # each basis contains its pred
 
 
 class ModeFit(NamedTuple):
-    """The fit of a basis to a signal: parameters, residual, derivatives and squares.
+    """The fit of a mode with given powers of amplitude: parameters, residual, derivatives.
 
     Attributes:
         theta: Parameters; those of a cause fitted together with the mode come last.

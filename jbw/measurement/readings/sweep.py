@@ -177,7 +177,7 @@ def sweep_signal(
 
 
 class SweepColumns(NamedTuple):
-    """The response columns of a mode under the drive of a sweep, up to gains.
+    """The response of a mode under the drive of a sweep, as columns with unknown gains.
 
     Attributes:
         columns: Response of the mode to the drive, of modes outside the band (two columns), and
@@ -297,7 +297,7 @@ def fit_sweep(
     weight: Reals,
     cause: SweepCause | None = None,
 ) -> ModeFit:
-    """Fit a basis to a sweep with gains projected out, together with an additional cause if given.
+    """Fit a mode with given powers of amplitude to a sweep, and an additional cause if given.
 
     If the drive is a force, all gains except that of the initial state are real.
 
@@ -444,7 +444,7 @@ def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple
 
 
 class SweepFits(NamedTuple):
-    """A sweep with the amplitude on which its filter depends, and the fits of all bases to it.
+    """A sweep with the amplitude on which its filter depends, and its fits.
 
     Attributes:
         signal: Sweep with the amplitude on which the filter depends.
@@ -473,7 +473,7 @@ class SweepFits(NamedTuple):
 
 
 def fit_bases(signal: SweepSignal) -> SweepFits:
-    """Fit all bases to a sweep, and update the amplitude of its filter from each round's fits."""
+    """Fit a mode to a sweep with each set of powers of amplitude; update the filter's amplitude."""
     top, order = signal.top, signal.order
     motion = (signal.rate[top] / signal.rate) ** order
     size = np.abs(signal.z)
@@ -530,7 +530,7 @@ def _bases(
     scale: float,
     weight: Reals,
 ) -> dict[str, ModeFit]:
-    """Fit bases with more and more powers of amplitude, starting from the previous round's fits.
+    """Fit a mode with more and more powers of amplitude, starting from the previous round.
 
     Each next basis is tried only while the residual decreases.
     """

@@ -217,7 +217,7 @@ def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
 
 
 class _Rows:
-    """Frequency and damping at several amplitudes from one basis, with their covariances."""
+    """Frequency and damping at several amplitudes from one fit, with their covariances."""
 
     def __init__(self, fits: DecayFits | SweepFits, name: str, grid: Reals) -> None:
         basis, fit, scale = BASES[name], fits.fits[name], fits.scale
@@ -281,7 +281,7 @@ def _matters(hz: MeasuredChange, zeta: MeasuredChange, damping: float) -> bool:
 
 
 def _chance_of_linear(fits: DecayFits | SweepFits, count: float) -> float:
-    """Return the probability (Wald's test) that only chance makes the coefficients of amplitude."""
+    """Return the probability that a linear mode shows such an effect of amplitude (Wald's test)."""
     if "quadratic" not in fits.fits:
         return 1.0
     fit, first = fits.fits["quadratic"], fits.FIRST

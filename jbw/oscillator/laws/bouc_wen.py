@@ -117,7 +117,7 @@ class BoucWenLaw(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""Return prior bounds in which softening delta Y and opening gamma Y can reach order one.
+        r"""Return prior bounds with which delta Y (softening) and gamma Y (opening) are around one.
 
         alpha is bounded as a share of omega_n^2. A negative delta, with which the joint hardens, is
         bounded by the growth of its force, $(e^{|\delta| Y} - 1) / |\delta| Y$ = 3.2 times that of

@@ -293,7 +293,7 @@ class BWBNPinching(Law):
         )  # fmt: skip
 
     def _unworn(self, mass: float) -> tuple[Scalar, ...]:
-        """Return the first arguments of both OpenSees materials: ratio, k_0, n, gamma, beta, A."""
+        """Return the arguments common to both OpenSees materials: ratio, k_0, n, gamma, beta, A."""
         lost = self.bwbn_yield**-self.bwbn_n
         gamma, beta = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
         return 0.0, mass * self.bwbn_stiffness, self.bwbn_n, gamma, beta, 1.0
