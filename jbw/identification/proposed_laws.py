@@ -26,7 +26,7 @@ AS_GOOD = 1.05
 
 
 class ChosenLaw(NamedTuple):
-    """The tests under the chosen law, its fitted parameters (empty without a fit), a sentence."""
+    """The tests under the chosen law, its fit (empty if none was made), and a sentence on it."""
 
     measured: Measured
     theta: dict[str, float]

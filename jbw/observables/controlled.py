@@ -552,7 +552,7 @@ def _moments(
 
 
 def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Return the noise of a force relative to its size, from mean forces; else ones."""
+    """Return the noise profile along the points: the mean force for forces, constant otherwise."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 

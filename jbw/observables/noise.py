@@ -126,7 +126,7 @@ def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Data
 
 
 def silenced(labels: Collection[str], data: Dataset) -> Dataset:
-    """Return the dataset without some data groups in the likelihood, with arrays of equal shape."""
+    """Return the dataset with data groups that the likelihood ignores; array shapes stay equal."""
     return with_effective_values(fractions_counted(data) | dict.fromkeys(labels, SILENT), data)
 
 

@@ -140,7 +140,7 @@ def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
 def _value_and_slope(
     gap: Callable, x: Float[Array, " state"], sloped: Bool[Array, ""]
 ) -> tuple[Float[Array, " state"], Float[Array, "state state"]]:
-    """Return the change over a period and, where `sloped`, its derivative by differences.
+    """Return a state's change over a period and, where `sloped`, its derivative (by differences).
 
     Later Newton steps correct the error of the slope.
     """

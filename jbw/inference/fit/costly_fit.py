@@ -243,7 +243,7 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
 
 def part_of(evaluate: Evaluate) -> Part:
-    """Return a function of a point and a flag that gives the residual (0) or its Jacobian (1)."""
+    """Return a function that gives the residual (flag 0) or its Jacobian (1) at a point."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

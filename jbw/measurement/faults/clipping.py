@@ -32,7 +32,7 @@ class Clipping(Hypothesis):
     name = "clipping"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the error that clipping would explain: predictions beyond the largest measured."""
+        """Yield the residual that clipping explains: predictions above the largest measurement."""
         cut, count, total = {}, 0, 0
         for label, spectrum in in_time(misfit.spectra).items():
             model, most = spectrum.values - spectrum.residual, np.max(np.abs(spectrum.values))

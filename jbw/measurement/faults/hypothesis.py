@@ -44,7 +44,7 @@ Fits = DecayFits | SweepFits
 
 
 class Hypothesis:
-    """A kind of fault, with the tests that can show it; a test that it lacks finds nothing."""
+    """A kind of fault, with tests for it; tests that a subclass does not define find nothing."""
 
     name: ClassVar[str]  # the name of the fault in a table
 

@@ -120,7 +120,7 @@ def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tup
 
 
 def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scalar]:
-    """Return the load reversals left after a move to y, the number of closed loops, and where."""
+    """Return the load reversals left after a move to y, and number and place of closed loops."""
     fixed_sense, fixed, end = stop_gradient((sense, stack, y))
 
     def going_on(count: Scalar) -> tuple[Scalar, Bool[Array, "..."]]:
