@@ -1,8 +1,8 @@
 """What does a law that remembers load reversals cost, compared with Bouc-Wen's exact step?
 
 The standard sweep passes through Iwan's law of four parameters, forward, with the gradient of its
-six parameters, and for 16 sets of parameters; and through the paper's Bouc-Wen joint. There is one
-step per sample; all take turns in one process.
+six parameters, and for 16 sets of parameters; and through the Bouc-Wen joint of Teloli et al.
+There is one step per sample; all take turns in one process.
 
     python benchmarks/reversals.py [--calls 31] [--json FILE]
 """

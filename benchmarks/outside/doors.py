@@ -25,7 +25,7 @@ class Finding(NamedTuple):
 
     @property
     def lines(self) -> list[tuple[str, str]]:
-        """Table and line of everything that the remedy tells to paste."""
+        """The lines that the remedy tells the user to paste, each with its table."""
         head = HEAD.search(self.remedy)
         table = head.group(1) if head else "[test]"
         return [(table, line) for line in LINE.findall(self.remedy)]

@@ -214,7 +214,7 @@ def _errors(made: Campaign, said: Said) -> dict[str, Any]:
 
 
 def _widths(by_test: dict[str, Drawn], said: Said) -> dict[str, list[float]]:
-    """Return stated standard deviations at the largest amplitude, over the bound plus the floor."""
+    """Return stated standard deviations at the largest amplitude over the least possible ones."""
     of_hz, of_zeta = [], []
     for test, drawn in by_test.items():
         rows = [row for row in said.rows if row.test == test and np.isfinite(row.hz_sd)]

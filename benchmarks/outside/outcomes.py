@@ -125,7 +125,8 @@ def _spoilt_rows(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
 def _astray(row: dict[str, Any]) -> bool:
     """Return whether a record with a fault gives a wrong answer without any warning.
 
-    Some faults leave frequency and damping as they are, and spoil what a joint is fitted to.
+    Some faults leave frequency and damping as they are, but distort the data to which a joint is
+    fitted.
     """
     silent = not (row["accused"] or row["named"])
     return silent and row["read"] and (row["fault"] in UNREAD or not row["right"])

@@ -1,12 +1,13 @@
-r"""The posterior of slider strengths given readings; linear coefficients are integrated out.
+r"""The posterior of slider strengths; linear coefficients are integrated out.
 
-Readings are linear in omega_n^2, in the strengths w and in the coefficients of springs and dampers,
+Stiffness and loss are linear in omega_n^2, in the strengths w and in the coefficients of springs
+and dampers,
 
 $$r = L b + G w + c\,\omega, \qquad b = (\omega_n^2, b_3, b_5, c_2)$$
 
 with $\tfrac34 b_3 Y^2$ and $\tfrac58 b_5 Y^4$ in omega^2 and $\tfrac{8}{3\pi} c_2 \omega^2 Y$ in 2
-zeta omega^2. omega_n^2 has a flat prior. The change of the readings by any other term at the
-largest amplitude has a normal prior, whose standard deviation is twice the change of the readings.
+zeta omega^2. omega_n^2 has a flat prior. The change of these values by any other term at the
+largest amplitude has a normal prior, whose standard deviation is twice their measured change.
 A QR factorisation of the whitened columns gives the likelihood of w. The relative frequency offset
 of each record, N(0, tau^2), is integrated out as well: with U S V^T the whitened columns of the
 records and e the residual,

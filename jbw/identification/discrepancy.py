@@ -26,7 +26,7 @@ smaller amplitudes cannot determine which power applies beyond them. The discrep
 farther above the fitted amplitudes, in the logarithm, than their own range.
 
 Reference:
-    Kennedy and O'Hagan (2001), J. R. Stat. Soc. B 63, 425: a discrepancy beside a calibrated model.
+    Kennedy and O'Hagan (2001), J. R. Stat. Soc. B 63, 425: calibrated models with a discrepancy.
 """
 
 from collections.abc import Mapping, Sequence

@@ -98,10 +98,10 @@ def fit_from(
 ) -> Fit:
     """Fit all parameters by least squares, starting from known values and from likely points.
 
-    If all values are known, as after the paper's steps, the fit starts there. Otherwise the
-    likelihood of many points is evaluated, which costs less than one fit, and the fit starts at the
-    best of them. If it does not explain the data, further starts are tried unless `alone`, and the
-    best of them are continued.
+    If all values are known, as after the steps of Teloli et al., the fit starts there. Otherwise
+    the likelihood of many points is evaluated, which costs less than one fit, and the fit starts at
+    the best of them. If it does not explain the data, further starts are tried unless `alone`, and
+    the best of them are continued.
     """
     ends: list[Fit] = []
     if set(prior.names) <= known.keys():

@@ -6,9 +6,9 @@ damper,
 $$K = \frac{E[F_1(Y)\,Y]}{E[Y^2]}, \qquad \omega_{eq}^2 = k + \mathrm{Re}\,K,
   \qquad 2\zeta_{eq}\omega_{eq}^2 = 2\zeta\omega_n\omega_{eq} + \mathrm{Im}\,K$$
 
-so that a record at 14 um rms gives an omega_n of the paper's joint that is 7e-5 too low, many times
-its own error. The average neglects that the joint remembers larger amplitudes: a fiftieth of the
-shift.
+so that a record at 14 um rms gives an omega_n of the joint of Teloli et al. that is 7e-5 too low,
+many times its own error. The average neglects that the joint remembers larger amplitudes: a
+fiftieth of the shift.
 """
 
 from collections.abc import Mapping

@@ -143,7 +143,7 @@ class BoucWen(eqx.Module):
 
     `omega_n` is the natural frequency at small amplitude, where the joint is fully stuck. Leaves
     may be scalars or arrays of one shape (a batch of joints). `restoring` adds a force f(y) to the
-    left side of the first equation; None, the default, gives the model of the paper.
+    left side of the first equation; None, the default, gives the model of Teloli et al.
 
     Attributes:
         omega_n: Natural frequency at small amplitude [rad/s].

@@ -22,7 +22,7 @@ def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[st
 
     The result contains the mean and sd by either route; `sd_ratio`, the joint posterior's sd over
     the cut's; `difference`, cut minus joint in sds of the joint; statements and wall times. It is
-    empty if the paper's steps (the cut) were not performed.
+    empty if the steps of Teloli et al. (the cut) were not performed.
 
     Reference:
         Section 3, Steps 2-4, against all parameters set to update.

@@ -36,8 +36,8 @@ from jbw.paper.objectives import kernel_energy
 from jbw.report.messages import paper_steps as messages
 
 NAMES = ("zeta", "alpha", "delta")
-# Half widths of the paper's prior ranges over their centres: alpha in [424.31, 589.61] is 507 +-
-# 16.3 %.
+# Half widths of the prior ranges of Teloli et al. over their centres: alpha in [424.31, 589.61] is
+# 507 +- 16.3 %.
 PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
 SAMPLERS = {
     "third_order_nuts": SamplingRequest("nuts", num_warmup=500, num_samples=500),
@@ -120,8 +120,9 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
 def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Identify) -> KernelFit:
     """Fit zeta, alpha and delta to tones at a third of the resonance; return fit and prior bounds.
 
-    The box is the campaign's if it states one, otherwise that of the paper's widths around a first
-    fit within physical bounds. If the optimum lies at its bounds, `fit.at_bound` says so.
+    The prior bounds are the campaign's if it states any, otherwise those with the relative widths
+    of Teloli et al. around a first fit within physical bounds. If the optimum lies at its bounds,
+    `fit.at_bound` says so.
 
     Reference:
         Eqs. (38), (39).
@@ -149,10 +150,10 @@ def third_order_steps(
     """Sample zeta, alpha and delta by (36) with NUTS, the original random walk, and a tuned one.
 
     NUTS and the tuned walk use coordinates along the ridge alpha*delta, from wall to wall of the
-    box, with the noise integrated out. The paper's walk uses the box itself, with the noise as
-    estimated. All chains start dispersed, so that their comparison is meaningful: the paper's
-    chain, started at one optimum, always agrees with itself. `statements` are put before those of
-    each step.
+    box, with the noise integrated out. The walk of Teloli et al. uses the box itself, with the
+    noise as estimated. All chains start dispersed, so that their comparison is meaningful: the
+    published chain, started at one optimum, always agrees with itself. `statements` are put before
+    those of each step.
 
     Reference:
         Eqs. (35), (36).

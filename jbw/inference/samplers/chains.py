@@ -45,7 +45,7 @@ class Kernel(NamedTuple):
 class Draws(NamedTuple):
     """Equally weighted draws from a posterior, with the sampler's statistics.
 
-    `possible` tells whether the posterior is possible at all points where the sampler must start,
+    `possible` states whether the posterior is possible at all points where the sampler must start,
     `arrived` whether the sampler finished. `facts` concern the whole run, such as log_evidence
     [nats] and its error. `groups` are further groups of the tree: group to variable to (dimensions,
     values).

@@ -124,8 +124,8 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
 def _ridge_of(in_logs: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
     """Return the coordinates of a ridge in the least determined direction, scaled by prior ranges.
 
-    Its members contribute to that direction. Logarithms that reach down to a floor are not divided
-    by their width here, because this large width would make them look small.
+    Its members contribute to that direction. Logarithms with a lower limit in place of a bound of
+    zero are not divided by their width here, because this large width would make them look small.
     """
     lower, width = np.asarray(in_logs.lower), np.asarray(in_logs.upper - in_logs.lower)
     covariance = np.asarray(in_logs.covariance)

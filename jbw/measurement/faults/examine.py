@@ -1,4 +1,4 @@
-"""Reading of each record once for all commands: frequency, damping and faults, kept in a cache."""
+"""One examination of each record for all commands: frequency, damping, faults, kept in a cache."""
 
 import hashlib
 import json

@@ -1,4 +1,4 @@
-r"""A force after a charge amplifier's high-pass, which takes away $\frac1T\int F\,\mathrm{d}t$."""
+r"""A force after a charge amplifier's high-pass, which subtracts $\frac1T\int F\,\mathrm{d}t$."""
 
 from collections.abc import Iterator
 

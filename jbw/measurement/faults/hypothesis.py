@@ -1,11 +1,11 @@
-r"""Faults as hypotheses against a reading, and the conditions under which one is named.
+r"""Faults as hypotheses that explain a fit's residual, and the conditions for reporting one.
 
 A mode is fitted first. Only if its residual exceeds noise and the law's own error are further
 causes tried, one at a time, *fitted together with the mode*. A cause is named if it meets four
 conditions, which are calibrated on sound records of every law (`benchmarks/outside`):
 
-1. something is left: a weighted rms above 1.2, or 6 % of the response; for a steady line alone a
-   line of 30 times its local median and 0.05 % of the largest response;
+1. the fit leaves a residual: a weighted rms above 1.2, or 6 % of the response; for a steady line
+   alone a line of 30 times its local median and 0.05 % of the largest response;
 2. the cause explains at least 40 % of the weighted squares;
 3. $2 \ln L_1/L_0 - k \ln n > 25$, with n the effective number of values of a coloured residual
    and k the number of the cause's parameters;

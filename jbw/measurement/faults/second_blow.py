@@ -1,4 +1,4 @@
-"""A decay that continues from another point of its course: hit again, or samples are missing."""
+"""A decay that jumps to another state: hit by a second blow, or with missing samples."""
 
 from collections.abc import Iterator
 from typing import Any

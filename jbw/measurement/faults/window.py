@@ -20,7 +20,7 @@ from jbw.measurement.readings.decay import DecayFits
 from jbw.report.messages import decay_faults as messages
 
 SURE = 8.0  # standard errors by which the fall must differ from zero
-# Smallest number of frames in time and of lines in frequency for the course of noise.
+# Smallest number of frames in time and of lines in frequency for the noise power against time.
 FRAMES, LINES_OF_NOISE = 10, 10
 APART = 3  # distance of lines that are independent under a Blackman-Harris window
 # Groups of frequencies, in which windowed noise falls equally; smallest number of lines in each.

@@ -1,4 +1,4 @@
-"""UFF 58 files, read and written with pyuff, an optional extra; the sets are counted."""
+"""UFF 58 files, read and written with pyuff, an optional extra; sets are numbered from zero."""
 
 import os
 import re

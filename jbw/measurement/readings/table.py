@@ -5,8 +5,8 @@ Damping is that of the *motion*: a response of order n decays differently if the
 $$\sigma_{motion} = \sigma_{response} \Big(1 - n \frac{d \ln\omega}{d \ln a}\Big)$$
 
 Errors combine the sandwich covariance of a basis with one coefficient more than the data require,
-half of the change that this coefficient makes, and a floor: the frequency at an amplitude is no
-better defined than first-order averaging is,
+half of the change that this coefficient makes, and a lower limit: the frequency at an amplitude
+is no better defined than first-order averaging is,
 
 $$(c + \zeta)\,\Delta f + \Delta f^2 / f + f \zeta \Delta\zeta, \qquad
   (c + \zeta)\,\Delta\zeta + \zeta\,\Delta f / f$$

@@ -94,7 +94,7 @@ def backbone(
 
     with F_1 the first harmonic of the laws' forces, 3 lambda_3 Y^3/4 for a cubic spring, and E the
     energy that their loops dissipate per cycle. Neglecting the higher harmonics causes a relative
-    error of 2e-5 to 2.5e-4 in Y at the paper's parameters.
+    error of 2e-5 to 2.5e-4 in Y for the joint of Teloli et al.
 
     For a `Structure` the result is the extended periodic motion of one of its modes, followed from
     the fully stuck joints. Its amplitude is the first harmonic X of the joint's displacement or,
