@@ -35,6 +35,7 @@ SPARE = 1.3  # duration of the simulation, relative to that which the measured d
 LEAST_RATE = 0.1
 # Longest simulated time before the strongest decay reaches the weakest record, in record lengths.
 MOST_WAIT = 20.0
+LOUD = 0.3  # A record's start is first estimated from values above this share of the largest one.
 # number of Gauss-Newton steps that find the start of a record on the simulated decay
 NUM_REFINEMENTS = 3
 # Lagrange's cubics through -1, 0, 1 and 2, one per column: coefficients of 1, f, f^2 and f^3.
@@ -278,12 +279,14 @@ def _first_entry(
     """Estimate where a record starts on the simulated decay: time from amplitudes, shift, phase.
 
     Each value has a place of its own. Their mean is weighted by the squares of the amplitudes, as
-    in least squares, so that noise or zeros at the end of a record do not move it.
+    in least squares, over the loud values alone, so that noise or zeros at the end of a record do
+    not move it, however long that end is.
     """
     size = jnp.abs(envelope)
+    loud = jnp.where(size >= LOUD * jnp.max(size), size, 0.0)
     grid = jnp.arange(len(decay), dtype=float)
     places = jnp.interp(-jnp.log(size), -decay.real, grid) - steps
-    place = jnp.average(places, weights=size**2)
+    place = jnp.average(places, weights=loud**2)
     log, _ = along(decay, place + steps)
     ratio = envelope * jnp.exp(jnp.conj(log))  # This is the phase that the simulated decay lacks.
     turn = jnp.angle(jnp.sum(ratio[1:] * jnp.conj(ratio[:-1])))

@@ -51,7 +51,8 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
         if in_dialect(stored.attrs.get("units", "")) == UNIT_OF[data.response]:
-            noise = RepeatNoise(float(stored.mean()), ALIKE)
+            draws = [str(dim) for dim in stored.dims if dim != "record"]
+            noise = RepeatNoise(float(stored.mean(draws).median()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.mean) ** 2)))
     compared = _compared(source, test, data, np.full(len(test.records), std))
     # The strongest record starts with this displacement, at the natural frequency.
@@ -100,7 +101,7 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
     data = _reduced(source, test)
     noise_of_label = noise_by_label(source.basis.decay)
     noise_std = np.array([noise_of_label[label] for label in data.groups.labels[:num_fitted]])
-    record_stds = np.append(noise_std, np.full(len(test.records) - num_fitted, noise_std.mean()))
+    record_stds = np.append(noise_std, np.full(len(test.records) - num_fitted, np.median(noise_std)))
     return _compared(source, test, data, record_stds, num_fitted)
 
 

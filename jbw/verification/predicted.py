@@ -206,7 +206,7 @@ def noise_of(
     order: int = 0,
     behind: str = "",
 ) -> RepeatNoise:
-    """Return the noise of one repeat: fitted, from repeats, or the mean of similar fitted tests.
+    """Return the noise of one repeat: fitted, from repeats, or the median of similar fitted tests.
 
     `behind` is the text after the test's name in the label of its group, if it has several.
     """
@@ -230,7 +230,7 @@ def noise_of(
         }
     near = [std for level, std in comparable.values() if level == test.level]
     chosen = near or [std for _, std in comparable.values()]
-    return RepeatNoise(float(np.mean(chosen)), ALIKE) if chosen else NOT_KNOWN
+    return RepeatNoise(float(np.median(chosen)), ALIKE) if chosen else NOT_KNOWN
 
 
 def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
