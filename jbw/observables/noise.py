@@ -38,7 +38,7 @@ def num_known(data: Dataset) -> dict[str, float]:
 
 
 def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
-    r"""Return the relative variation between each data group's repeats, or of their mean.
+    r"""Return the variation between each data group's repeats, or the error of their mean.
 
     The scatter of the mean of K repeats is that of a single one divided by $\sqrt K$.
     """

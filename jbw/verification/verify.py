@@ -180,7 +180,7 @@ def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> li
 
 
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
-    # Harmonics and loops at another level may have another noise, so their typical noise proves nothing.
+    # At another level, harmonics and loops may have another noise: typical noise proves nothing.
     shares = {
         name: float(attrs["coverage"])
         for name, attrs in tests.items()
