@@ -68,8 +68,11 @@ def judged(rng: Rng, law: str, number: int, folder: Path) -> dict[str, Any]:
     name = NAMES[number // len(CASES) % len(NAMES)]
     case = CASES[number % len(CASES)]
     stated = law if case != "wrong" else str(rng.choice([one for one in COMMON if one != law]))
-    made = drawn(rng, law, name, case)
-    path = write_campaign(folder, made, rng, TIMES)
+    while True:  # until no record is too short to be used
+        made = drawn(rng, law, name, case)
+        path = write_campaign(folder, made, rng, TIMES)
+        if _is_usable(path):
+            break
     middle = list(dict.fromkeys(one.test for one in made.members))[1]
     settings = {**SETTINGS, "hold_out": [middle]}
     laws = [] if stated == "linear" else [stated]
@@ -81,6 +84,13 @@ def judged(rng: Rng, law: str, number: int, folder: Path) -> dict[str, Any]:
     row = {"law": law, "name": name, "case": case, "stated": stated}
     row |= {"zeta": made.specimen.zeta, "noise": made.specimen.noise}
     return row | _identified(path, middle)
+
+
+def _is_usable(path: Path) -> bool:
+    """Return whether `jbw check` finds no error in a campaign."""
+    from jbw.campaign.check import check_campaign
+
+    return check_campaign(path).exit_code == 0
 
 
 def _identified(path: Path, middle: str) -> dict[str, Any]:

@@ -101,10 +101,8 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
     data = _reduced(source, test)
     noise_of_label = noise_by_label(source.basis.decay)
     noise_std = np.array([noise_of_label[label] for label in data.groups.labels[:num_fitted]])
-    record_stds = np.append(
-        noise_std, np.full(len(test.records) - num_fitted, np.median(noise_std))
-    )
-    return _compared(source, test, data, record_stds, num_fitted)
+    of_others = np.full(len(test.records) - num_fitted, np.median(noise_std))
+    return _compared(source, test, data, np.append(noise_std, of_others), num_fitted)
 
 
 def _reduced(source: Source, test: Test) -> Decays:

@@ -123,6 +123,18 @@ def test_a_prescribed_motion_tells_stiffness_and_no_frequency():
     assert lead(summary_of(), ["ridge"]) is None
 
 
+@pytest.mark.parametrize(("gain", "said"), [(1.0, True), (0.5, False), (None, False)])
+def test_a_joint_of_unknown_mass_has_its_stiffness_and_the_mass_that_is_taken(gain, said):
+    rows = {"omega_n": facts(1000.0, 1e-3, unit="rad/s")}
+    given = tree_of()
+    given.attrs["held"] = "{}" if gain is None else f'{{"gain": {gain}}}'
+    found = opening(summary_of(rows), given)
+    # The square of 1000 rad/s and of its ends, 1000 -+ 2.576.
+    stated = "joint is 1e+06 [9.949e+05, 1.005e+06] N/m. These tests do not determine the modal "
+    assert any(stated in sentence for sentence in found) == said
+    assert any("parameters are those of 1 kg." in sentence for sentence in found) == said
+
+
 def test_rotations_are_written_in_radians_and_said_to_be():
     loops = [{"test": "twist", "y": 4e-3, "stiffness": 1.0, "unit": "rad"}]
     turned = summary_of(look={"tests": [], "loops": loops})

@@ -47,6 +47,7 @@ HYSTERESIS = {"bouc_wen": 1.0}
 # A law that saturates has a smaller power than to first order: 0.8 where delta y reaches 2.
 SATURATES = 0.25
 SLIDERS = ("masing_power", "iwan4")
+KINDS_OF_FORCE = (tuple(SPRINGS), tuple(DAMPERS), (*HYSTERESIS, *SLIDERS))
 
 
 class RecordTable(NamedTuple):
