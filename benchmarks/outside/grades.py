@@ -35,7 +35,7 @@ SETTINGS = {"sampler": "importance", "num_chains": 2, "num_samples": 200}
 
 
 def drawn(rng: Rng, law: str, name: str, case: str) -> Campaign:
-    """Draw a campaign of two repeats of each of three levels; spoil a record of the strongest."""
+    """Draw a campaign of two repeats at each of three levels; disturb a record as the case says."""
     while True:
         try:
             made = CAMPAIGNS[name](rng, Choice(law=law, strong=True, zeta=DAMPING, noise=NOISE))
@@ -49,7 +49,7 @@ def drawn(rng: Rng, law: str, name: str, case: str) -> Campaign:
 
 
 def _noisy(rng: Rng, perfect: Sequence[Member], made: Campaign, case: str) -> list[Member]:
-    """Return the records with noise; the first one is spoilt as its case says."""
+    """Return the records with noise; the first record is disturbed as the case says."""
     first = perfect[0].drawn
     if case == "shifted":
         first = KINDS[first.kind](
@@ -94,7 +94,7 @@ def _is_usable(path: Path) -> bool:
 
 
 def _identified(path: Path, middle: str) -> dict[str, Any]:
-    """Return what a study says of its law and of the held-out test; or why there is none."""
+    """Return the grade of the law and the errors of the held-out test, or why there are none."""
     import jbw
     from jbw.errors import JbwError
 
@@ -118,7 +118,7 @@ def _identified(path: Path, middle: str) -> dict[str, Any]:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return grades, coverage and widths of each case in Markdown."""
+    """Return a table in Markdown: grades, coverage and band widths of each case."""
     words = {"ok": "predictive", "usable": "approximate", "failed": "not predictive", "": "none"}
     heads = (*words.values(), "refused", "held [%]", "width, median", "width, largest")
     lines = [f"| case | campaigns | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
@@ -135,7 +135,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw, identify, and print the table."""
+    """Draw and identify campaigns, and print the table."""
     judge_each("grades", judged, table, arguments)
 
 

@@ -57,7 +57,7 @@ from jbw.report.messages import stages
 NUM_CHAINS, NUM_DRAWS = 4, 1000  # numbers of chains and of draws, as in a sampled posterior
 Points = Float[np.ndarray, "draw parameter"]
 SPARE = 8  # factor on the number of points, so that enough of them lie within the prior bounds
-NOTHING = 1e-9  # factor on the standard deviation between runs, with which there are no offsets
+NOTHING = 1e-9  # factor that makes offsets between runs vanish
 LEAST = 12.0  # inverse variance of the prior, in units of its squared width
 
 
@@ -219,7 +219,7 @@ def laplace_draws(
 
 
 def gaussians_about(ready: Fitted) -> list[Gaussian]:
-    r"""Return the fit's Gaussian; with run offsets, one for each possible scatter of offsets.
+    r"""Return the Gaussian at a fit; with run offsets, one for each possible scatter of them.
 
     $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
       P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$
@@ -296,7 +296,7 @@ def _covariance_of_offsets(
 
 
 def not_sampled(weighted: WeightedDraws | None) -> Finding:
-    """Return the finding that a first answer's posterior was not sampled, and what it is."""
+    """Return the finding that a quick answer's posterior was not sampled, and what replaces it."""
     effective = None if weighted is None else weighted.effective
     values = {"intervals": messages.intervals_of_fit(effective)}
     return Finding("not_sampled", "not assessed", values, float("nan"))

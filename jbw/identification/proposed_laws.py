@@ -33,11 +33,11 @@ NEAR = 2.0
 
 
 def candidates(read: Sequence[str]) -> tuple[str, ...]:
-    """Return the laws to fit, in this order, from those that the readings propose.
+    """Return the laws to fit, in this order, given those that frequency and damping suggest.
 
     The proposals and the default law come first, those with the fewest parameters before the
-    others. Other laws with a force of the same kind follow, because an exponent may miss its law.
-    If the readings propose nothing, the default law comes first, and all others follow.
+    others. Other laws with a force of the same kind follow, because a measured exponent may exclude
+    the right law. If `read` is empty, the default law comes first, and all others follow.
     """
 
     def by_size(laws: Iterable[str]) -> list[str]:
@@ -49,7 +49,7 @@ def candidates(read: Sequence[str]) -> tuple[str, ...]:
 
 
 class ChosenLaw(NamedTuple):
-    """The tests under the chosen law, its fitted parameters (empty without a fit), a sentence."""
+    """The tests under the chosen law, its fit (empty if none was made), and a sentence on it."""
 
     measured: Measured
     theta: dict[str, float]

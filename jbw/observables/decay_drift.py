@@ -4,7 +4,7 @@ $$E(t) = \hat E(t)\,e^{(-\rho + j\varphi)\,(t - t_0 / 2)} + \text{rest}, \qquad
   \hat\rho, \hat\varphi = -\frac{\sum_t w_t t \ln |E / \hat E|}{\sum_t w_t t^2},
   \frac{\sum_t w_t t \arg (E / \hat E)}{\sum_t w_t t^2}, \quad w = \min(|E|, |\hat E|)^2$$
 
-Where the motion has ended, one of both is small: noise there has no weight, however long it lasts.
+Where the motion has ended, one of the envelopes is small: noise there has no weight at any length.
 $t_0$ is the length of the beginning, which determines a record's initial state and natural
 frequency. A law whose frequency changes differently with amplitude drifts from the record, whatever
 its frequency at the beginning.
@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-# A value counts if its amplitude is so many standard deviations of the noise: its phase is then
+# A value counts if its amplitude exceeds this many standard deviations of noise: its phase is then
 # known to a third of a radian, so that turns can be counted.
 ABOVE_NOISE = 3.0
 
@@ -35,9 +35,9 @@ def drift_of(
     time: Float[np.ndarray, " value"],
     noise_std: float = 0.0,
 ) -> Drift:
-    """Fit the drift of a prediction from an envelope, over time since its beginning's middle.
+    """Fit the drift of an envelope from its prediction, over time since the middle of its start.
 
-    Values that are not above noise have no weight. The drift is zero if there are no others.
+    Values that do not exceed the noise have no weight. The drift is zero if no value exceeds it.
     """
     weight = _weights(measured, predicted, noise_std) * time
     heard = weight > 0.0
@@ -54,7 +54,7 @@ def _weights(
     predicted: Complex[np.ndarray, " value"],
     noise_std: float,
 ) -> Float[np.ndarray, " value"]:
-    """Return the smaller squared amplitude of both envelopes; zero of values within noise."""
+    """Return squared amplitudes, the smaller of both envelopes; zero for values within noise."""
     smaller = np.minimum(np.abs(measured), np.abs(predicted))
     return np.where(smaller > ABOVE_NOISE * noise_std, smaller, 0.0) ** 2
 
@@ -81,7 +81,7 @@ def left_out_decay(
 
     An amplitude error that exists from the beginning acts like a rate over the weighted mean time.
     Noise $\sigma$ of which a share f is independent adds $\sigma / \sqrt{f \sum w t^2}$ to both.
-    Both errors are infinite if no value is above noise.
+    Both errors are infinite if no value exceeds the noise.
     """
     noise = 2 * len(time) * noise_std**2
     drift = drift_of(measured, predicted, time, noise_std)

@@ -46,7 +46,7 @@ SILENT = 1e-6
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Predict free decays from their start, until they have lost a quarter of their amplitude."""
+    """Predict free decays from their beginning, until a quarter of the amplitude is lost."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
@@ -106,7 +106,7 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
 
 
 def _reduced(source: Source, test: Test) -> Decays:
-    """Return decays as data for the likelihood, with the settings of the fitted decays."""
+    """Return decays as the likelihood needs them, with the settings of the fitted decays."""
     facts = source.basis.decay_facts
     no_shift = NO_SHIFT * float(np.mean(source.draws["omega_n"]))
     stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
@@ -248,7 +248,7 @@ def drifted(
 
 
 def _along(source: Source, data: Decays) -> Entered:
-    """Return a function that predicts records of one mode, for all draws and reference models."""
+    """Return a function that predicts one-mode records for all draws and all reference models."""
     decays, others = source.observed(data, decay_of)
 
     def entered(
