@@ -27,7 +27,7 @@ from scipy.special import softmax
 from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.checks import Checks, seen_hysteresis
-from jbw.identification.curved import WeightedDraws, is_curved, weighted_draws
+from jbw.identification.curved import WeightedDraws, is_curved, solvable_draws, weighted_draws
 from jbw.identification.equivalent import effects
 from jbw.identification.free_decays import FreeDecays, decays_in
 from jbw.identification.gain_units import with_gain_units
@@ -95,18 +95,24 @@ def about_fit(
     If `weighs`, weighted points replace the Gaussian where the posterior is curved.
     """
     started = perf_counter()
-    weighted = None
-    if weighs and is_curved(ready):
-        weighted = weighted_draws(key, ready, NUM_CHAINS, NUM_DRAWS)
-    tree = with_gain_units(laplace_tree(key, ready, weighted), seen.tests)
+    curved = weighs and is_curved(ready)
+    weighted = weighted_draws(key, ready, NUM_CHAINS, NUM_DRAWS) if curved else None
+    draws = laplace_draws(key, ready) if weighted is None else weighted.draws
+    if curved and weighted is None:
+        draws = solvable_draws(key, *draws, ready.data)
+    tree = with_gain_units(laplace_tree(ready, draws, weighted), seen.tests)
     joint = JointPosterior("joint", tree, ready, ready.wall_s + perf_counter() - started)
     in_fit = None if seen.decays is None else decays_in(ready.data)
     return Posteriors(joint, checks_of_fit(joint, weighted), FreeDecays(in_fit))
 
 
-def laplace_tree(key: Key[Array, ""], ready: Fitted, weighted: WeightedDraws | None) -> xr.DataTree:
+def laplace_tree(
+    ready: Fitted,
+    draws: tuple[np.ndarray, Mapping[str, np.ndarray]],
+    weighted: WeightedDraws | None,
+) -> xr.DataTree:
     """Return weighted or Gaussian draws about a fit in the groups of a sampler's result."""
-    lp, theta = laplace_draws(key, ready) if weighted is None else weighted.draws
+    lp, theta = draws
     meant = messages.LOG_DENSITY if weighted is None else messages.LOG_LIKELIHOOD
     low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
     dims, shape = ("chain", "draw"), (NUM_CHAINS, NUM_DRAWS)
