@@ -1,4 +1,4 @@
-"""Where does a command's time go: tracing, lowering, compiling or the rest, stage by stage?
+"""How is a command's time divided between tracing, lowering, compiling and the rest, by stage?
 
 Every trace, lowering and compilation is recorded with its program, and the processor time with
 every stage that the command names. Seconds of tracing, lowering and compiling are wall times of the
@@ -47,7 +47,7 @@ class Account:
         self._since = 0.0
 
     def begin(self, stage: str) -> None:
-        """End the present stage and begin another."""
+        """End the present stage of a command and begin another."""
         now = time.process_time()
         self.seconds[self.stage]["CPU"] += now - self._since
         self.stage, self._since = stage, now
@@ -112,7 +112,7 @@ def evaluation(account: Account, calls: int) -> list[tuple[Any, ...]]:
         return []
     function, theta, data = account.evaluation
     points = {name: np.resize(np.asarray(x), POINTS) for name, x in theta.items()}
-    at_points(function, points, data)  # The code is now compiled and warm.
+    at_points(function, points, data)  # The code is compiled by now, and caches are filled.
     spent = []
     for _ in range(calls):
         start = time.process_time()

@@ -1,7 +1,7 @@
-"""What do several joints cost, beside one and beside SciPy?
+"""What do several joints cost, compared with one joint and with SciPy?
 
 A chirp passes through `jbw.simulate` of three modes with one, two and three Bouc-Wen joints, with
-the gradient of half the sum of squares of the output's velocity by all parameters. Every joint
+the gradient of half the sum of squares of the output's velocity in all parameters. Every joint
 costs the same, and the cost of the modes is shared, so that the ratio should stay below the number
 of joints. All times are processor times.
 
@@ -60,7 +60,7 @@ def loss(u: jax.Array, model: jbw.Structure) -> jax.Array:
 
 
 def ahead(function: Callable, model: jbw.Structure) -> tuple[Callable, float]:
-    """Return the compiled function, and the processor time of its compilation [s]."""
+    """Return the function compiled in advance, and the processor time of its compilation [s]."""
     start = time.process_time()
     run = jax.jit(function).lower(model).compile()
     return run, time.process_time() - start
@@ -96,7 +96,7 @@ def joints_table(calls: int) -> tuple[Table, list[Target]]:
 
 
 def golden_pair() -> tuple[dict[str, Any], np.ndarray, jbw.Structure]:
-    """Return the golden chirp through two Bouc-Wen joints: its values, input and structure."""
+    """Return the chirp through two joints from tests/golden.json: values, input, structure."""
     golden = json.loads(GOLDEN.read_text())["transient"]
     case, t = golden["cases"][0], np.arange(golden["num_samples"]) / golden["fs"]
     drive, system = case["input"], case["system"]

@@ -1,4 +1,4 @@
-"""What does it cost to reduce a finite-element model with joints, and how much memory?
+"""How much time and memory does it take to reduce a finite-element model with joints?
 
 A portal frame of more and more beam elements, with two joints, is reduced to its modes up to 400 Hz
 with residual modes. The number of kept modes stays the same, so that only the cost of sparse
@@ -16,7 +16,8 @@ from timing import Table, options, show, take_turns
 
 import jbw
 
-ELEMENTS = (100, 400, 1100)  # per each of three members, with three degrees of freedom per node
+# number of elements in each of three members, with three degrees of freedom per node
+ELEMENTS = (100, 400, 1100)
 COLUMNS = {"degrees of freedom": "d", "modes": "d", "first, Hz": ".6f", "reduction, s": ".2f"}
 COLUMNS |= {"of a process, GB": ".2f"}
 

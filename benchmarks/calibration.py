@@ -1,4 +1,4 @@
-"""Do the steps' intervals hold the truth as often as they say?
+"""Do the intervals of each step contain the true values as often as stated?
 
 Simulation-based calibration of Steps 2, 3, 4 and of the joint posterior on short tests: the
 smallest p-value of uniform ranks over all quantities, the lowest and highest coverage of 99 %
@@ -59,7 +59,7 @@ def row_of(name: str, found: Any) -> tuple[Any, ...]:
 
 
 def ranks(calls: int, seed: int, only: list[str], out: Path | None) -> Table:
-    """Return the calibrations of every step; replications are 1000 or 200 times `calls`."""
+    """Return the calibrations of every step, each of 1000 or 200 times `calls` replications."""
     rows = []
     for name, case in CASES.items():
         if only and case["step"] not in only:
@@ -76,7 +76,7 @@ def ranks(calls: int, seed: int, only: list[str], out: Path | None) -> Table:
 
 
 def scores(number: int) -> Table:
-    """Return the table of z-scores from whole campaigns of the virtual rig."""
+    """Return the table of z-scores of the true values in whole campaigns of the virtual rig."""
     rows = []
     for name, case in CAMPAIGNS.items():
         found = score_campaigns(number, **case)

@@ -1,4 +1,4 @@
-"""The identification of whole campaigns of the virtual rig, with z-scores of the truth."""
+"""The identification of whole campaigns of the virtual rig, with z-scores of the true values."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from jbw.observables.records import Records
 FITTED = ("sweep_0p05V", "sweep_0p20V")
 NOISE = "noise_0p005V"
 NUM_DRAWS = 500
-# N, noise of the mixed campaign's loop, so that the loop does not determine everything alone.
+# [N] noise of the mixed campaign's loop, which must not determine everything alone
 FORCE_NOISE = 0.2
 
 Measured = tuple[Dataset, rig.RigCampaign]

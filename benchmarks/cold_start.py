@@ -1,4 +1,4 @@
-"""How long from the start of a process to the summary of Step 3, beside `import numpyro`?
+"""How long does the summary of Step 3 take from the start of a process, next to `import numpyro`?
 
 Each contender is a separate process: it reads the kernel at five tones from a file, fits, samples
 and summarises it, once without compiled code and once with compiled code in the folder that
@@ -57,7 +57,7 @@ TARGETS = {"fit, walk in lanes, summary": 2.5, "fit, NUTS, summary": 5.5}
 
 
 def kernel_at_five_tones(relative: float = 0.01) -> dict[str, np.ndarray]:
-    """Return the kernel (31) at five tones as Step 3 reduces it, from eight repeats.
+    """Return the third-order kernel (31) at five tones, as Step 3 reduces it from eight repeats.
 
     Args:
         relative: Noise of one repeat relative to |H3|.
@@ -85,7 +85,7 @@ def kernel_at_five_tones(relative: float = 0.01) -> dict[str, np.ndarray]:
 
 
 def timed(code: str, data: Path, cache: Path | None) -> tuple[float, float | None]:
-    """Return the wall time of a process [s], and the effective draws that it prints."""
+    """Return the wall time of a process [s], and the number of effective draws that it prints."""
     env = {name: v for name, v in os.environ.items() if not name.startswith("JAX_")}
     if cache is not None:
         env |= {

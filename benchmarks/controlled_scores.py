@@ -1,4 +1,4 @@
-"""Do the intervals of controlled tests of the rig hold the truth, alone and with decays?
+"""Do the intervals from controlled tests contain the truth, alone and together with decays?
 
     python benchmarks/controlled_scores.py [CAMPAIGN ...] [--campaigns 30] [--seeds 3]
 
@@ -28,7 +28,7 @@ from jbw.inference.generator import parts_of
 from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import log_likelihood
 
-# This joint softens by more than the width of its resonance: its S-curves fold twice.
+# This joint softens by more than the width of its resonance, so that its S-curves fold twice.
 FOLDED = jbw.BoucWen(rig.TRUTH.omega_n, 0.003, 3000.0, 340.21, 3.0)
 FOLDED_HZ, FOLDED_LEVELS = 18.2, tuple(np.geomspace(3e-4, 6e-3, 16).tolist())
 DISTORTION_DB = -40.0  # distortion of the exciter [dB]
@@ -48,12 +48,12 @@ FOLDING = replace(
 
 
 class Design(NamedTuple):
-    """The joint, and the tests from which it is identified together."""
+    """A joint, and the controlled tests by which it is identified."""
 
     preset: rig.Preset
     joint: jbw.BoucWen
     tests: tuple[str, ...]
-    # Whether the modal mass is stated, which points at constant phase hardly determine.
+    # whether the modal mass is stated, because points at constant phase hardly determine it
     knows_mass: bool
 
 
@@ -75,7 +75,7 @@ class Score(NamedTuple):
 
     z: dict[str, float]
     khat: float
-    chi_square: float  # per degree of freedom
+    chi_square: float  # chi-square per degree of freedom
 
 
 def scored(design: Design, seed: int) -> Score:

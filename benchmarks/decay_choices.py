@@ -1,4 +1,4 @@
-"""How far do band, settling time and choice of impacts move what decays say of a joint?
+"""How far do band, settling time and choice of impacts change a joint identified from decays?
 
 Nine impacts on a bolted double beam are fitted by Bouc-Wen's law with three bands and three values
 of `settle`, all nine together and the three at each place of impact. Printed are alpha * gamma and
@@ -35,7 +35,7 @@ CHOICES = (
     *((BANDS[0], settle) for settle in SETTLES),
     *((band, SETTLES[0]) for band in BANDS[1:]),
 )
-# Records 1 to 3, 4 to 6 and 7 to 9 are of blows at one place each.
+# Records 1 to 3, 4 to 6 and 7 to 9 have blows at one place each.
 PLACES = {f"place {i + 1}": slice(3 * i, 3 * i + 3) for i in range(3)}
 SETS = {"all": slice(None), **PLACES}
 PRODUCTS = ("gamma", "delta")  # factors of alpha in the products
@@ -61,7 +61,7 @@ class Known(NamedTuple):
 
 
 class Row(NamedTuple):
-    """A choice, a set of records, the products of their fit, and the variation between records."""
+    """A choice of settings and records: products of their fit, and variation between records."""
 
     band: tuple[float, float]  # [Hz]
     settle: float  # [s]
@@ -80,14 +80,14 @@ def campaign() -> Campaign:
 
 
 def chosen(taken: Campaign, band: tuple[float, float], settle: float, which: slice) -> Campaign:
-    """Return the campaign with another band, another start, and some of its records."""
+    """Return the campaign with another band and settling time, and with some of its records."""
     (test,) = taken.tests
     some = replace(test, band_hz=band, settle=settle, records=test.records[which])
     return replace(taken, tests=(some,))
 
 
 def known(fit: Fit, name: str) -> Known:
-    """Return alpha times a parameter, and its standard deviation to first order."""
+    """Return alpha times a parameter of the fit, and its standard deviation to first order."""
     slope = np.array(
         [{"alpha": fit.theta[name], name: fit.theta["alpha"]}.get(each, 0.0) for each in fit.theta]
     )

@@ -1,4 +1,4 @@
-"""What do many campaigns take on two workers, by which executor, and what does a kill -9 cost them?
+"""How long do many campaigns take with two workers, by executor, and what is lost by a kill -9?
 
     python benchmarks/fleet.py [--json FILE]              # six campaigns of the rig, by executor
     python benchmarks/fleet.py --hundred [--json FILE]    # a hundred short ones; on Linux
@@ -31,7 +31,7 @@ from jbw.rig.generator import Sweep
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "study"))
 from damper_campaign import write_campaign
 
-TORQUES = (4.0, 8.0, 12.0)  # N m, with two assemblies each
+TORQUES = (4.0, 8.0, 12.0)  # [N m], with two assemblies at each
 PLANS = tuple(
     rig.Plan(name, "sweep", Sweep(12.0, 26.0, volts, burst=6.0, fade=0.3, duration=8.0), repeats=2)
     for name, volts in (("weak", 0.05), ("strong", 0.20))
@@ -44,7 +44,7 @@ sampler = "importance"
 model_error = "none"
 offsets = "none"
 """
-# Number of campaigns, and of finished ones when a process is killed.
+# number of campaigns, and numbers of finished campaigns at which a process is killed
 MANY, PARENT_AT, WORKER_AT = 100, 30, 60
 WAYS = {"executor": "", "wall, s": ".0f", "/ one process": ".2f", "draws": ""}
 KILLS = {"pass": "", "wall, s": ".0f", "finished before": "d", "run": "d", "failed": "d"}
@@ -83,7 +83,7 @@ def submitit(folder: Path) -> Any:
 
 
 def by_executor() -> Table:
-    """Return the times of six campaigns by each executor, and whether draws equal one process's."""
+    """Return the times of six campaigns by executor, and whether all draws are equal."""
     ways: dict[str, Callable[[Path], Any]] = {"one process": lambda _: nullcontext()}
     ways |= {"two processes": lambda _: nullcontext()}
     ways |= {"Dask, two workers": dask, "submitit, local, six jobs at once": submitit}
@@ -118,7 +118,7 @@ def by_executor() -> Table:
 
 @contextmanager
 def nothing_compiled(folder: Path) -> Iterator[None]:
-    """Set an empty folder for compiled code in the environment that workers inherit."""
+    """Give workers an empty folder for compiled code through the environment that they inherit."""
     wanted = {
         "JAX_COMPILATION_CACHE_DIR": str(folder),
         "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",

@@ -1,4 +1,4 @@
-"""Do the bands of the law without a form contain the truth, and is Masing's rule told rightly?
+"""Do bands of laws without an assumed form contain the truth, and is Masing's rule judged right?
 
     python benchmarks/free_law.py [--calls 20] [--seed 1000] [--kinds iwan4 linear] [--json FILE]
 
@@ -37,12 +37,12 @@ COLUMNS = {
     "CPU s": ".1f",
 }  # fmt: skip
 SLIDERS = 4000  # number of sliders for a true value that is an integral
-POINTS = 12  # readings of a record
+POINTS = 12  # number of amplitudes at which each record is read
 Curve = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 def sliders(d: np.ndarray, w: np.ndarray, zeta: float) -> Curve:
-    """Return omega^2 and 2 zeta omega^2, over omega_n^2, of sliders with viscous damping."""
+    """Return omega^2 and 2 zeta omega^2 of sliders with viscous damping, both over omega_n^2."""
 
     def curve(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         softening = (1 - stiffness_share(y[:, None], d)) @ w
@@ -81,7 +81,7 @@ def drawn_single(rng: np.random.Generator) -> Curve:
 
 
 def drawn_bouc_wen(rng: np.random.Generator) -> Curve:
-    """Draw a Bouc-Wen joint of nu = 1 with delta unlike gamma, far below and near saturation.
+    """Draw a Bouc-Wen joint (nu = 1, delta unlike gamma), from far below to near saturation.
 
     On the virgin curve z' = 1 - (delta + gamma) z, on unloading from a tip z' = 1 + (gamma - delta)
     z down to z = 0 and z' = 1 - (delta + gamma) |z| beyond; its first harmonic is an integral.
@@ -140,7 +140,7 @@ KINDS = {
 
 
 def drawn_tables(curve: Curve, rng: np.random.Generator, own: float) -> list[RecordTable]:
-    """Draw five records' readings with their covariances."""
+    """Draw frequency and damping of five records, with their covariances."""
     tables = []
     for top in rng.uniform(0.5, 1.0, 5):
         y = top * np.geomspace(1 / rng.uniform(5, 20), 1.0, POINTS)
@@ -157,7 +157,7 @@ def drawn_tables(curve: Curve, rng: np.random.Generator, own: float) -> list[Rec
 
 
 def calibrated(kind: str, number: int, seed: int) -> list[Any]:
-    """Return a table row on drawn joints of one kind: coverage of bands, and Masing's test."""
+    """Return a row for joints of one kind: coverage of bands, and the test of Masing's rule."""
     held: dict[str, list[bool]] = {place: [] for place in PLACES}
     masing, below, width, started = [], [], [], time.process_time()
     for i in range(number):
@@ -189,13 +189,13 @@ def calibrated(kind: str, number: int, seed: int) -> list[Any]:
 
 
 def truth_at(curve: Curve, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Return the true frequency [Hz] and damping ratio at amplitudes."""
+    """Return the true frequency [Hz] and damping ratio at given amplitudes."""
     omega_sq, loss = curve(np.asarray(y, float))
     return HZ * np.sqrt(omega_sq), loss / (2 * omega_sq)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the coverage of the bands, and Masing's test, by kind."""
+    """Print the coverage of the bands, and the test of Masing's rule, by kind of joint."""
     parser = options(__doc__, calls=20)
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("--kinds", nargs="*", default=list(KINDS), choices=list(KINDS))

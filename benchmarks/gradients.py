@@ -23,7 +23,7 @@ import jbw
 COLUMNS = {"route": "", "parameters": "d", "min, ms": ".3f", "median, ms": ".3f"}
 COLUMNS |= {"/ own forward": ".2f", "/ jbw, 1 step": ".2f", "error of J1": ".0e"}
 COLUMNS |= {"error of J2": ".0e", "compile, s": ".1f"}
-# Step relative to a parameter, the best compromise between truncation and rounding.
+# step relative to a parameter: the best compromise between truncation and rounding
 RELATIVE_STEP = 1e-5
 
 Velocity = Callable[[jax.Array], jax.Array]
@@ -31,7 +31,7 @@ Loss = Callable[[jax.Array, jax.Array], jax.Array]
 
 
 class Route(NamedTuple):
-    """A method for a loss and its gradient, and the forward solver that it uses."""
+    """A method that computes a loss and its gradient, with the forward solver that it uses."""
 
     name: str
     solver: str
@@ -56,7 +56,7 @@ def forward_all(loss: Loss):
 
 
 def forward_one(loss: Loss):
-    """Return a function for a loss and its derivative by zeta only."""
+    """Return a function for a loss and its derivative with respect to zeta alone."""
 
     def value_and_slope(theta, data):
         zeta = jnp.zeros(5).at[1].set(1.0)
@@ -114,7 +114,7 @@ def squares(velocity: Velocity, theta: jax.Array, data: jax.Array) -> jax.Array:
 
 
 def error(found: Any, golden: Sequence[float]) -> float:
-    """Return the largest relative error; that of zeta's derivative if there is only one."""
+    """Return the largest relative error of a gradient; that of zeta alone if it is the only one."""
     exact = np.asarray(golden) if np.size(found) == 5 else np.asarray(golden)[1]
     return float(np.max(np.abs(np.asarray(found) / exact - 1.0)))
 
@@ -141,7 +141,7 @@ def tables(calls: int) -> list[Table]:
 
 
 def summaries(rows: dict[str, tuple], times: dict[str, Times]) -> list[Table]:
-    """Return the table of routes, and the targets."""
+    """Return the table of methods, and the table of targets."""
     base = times["forward: jbw, 1 step"].least
     lines = []
     for name, (solver, parameters, first, second, seconds) in rows.items():

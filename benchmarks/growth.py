@@ -1,4 +1,4 @@
-"""How does the cost grow with the record, the repeats, the levels and the chains?
+"""How does the cost grow with record length, repeats, levels and chains?
 
 Straight lines in a log-log plot are expected: each table states the measured points, the last one
 their slopes and where they bend. Repeats enter the likelihood by sufficient statistics, so that
@@ -33,7 +33,7 @@ NAMES = ("omega_n", "zeta", "alpha", "delta", "gamma")
 # Number of samples in the records of the likelihoods.
 RECORD = 4096
 NOISE = 1e-3
-# A smaller change of slope is noise of the timing.
+# A change of slope below this is noise of the timing.
 BEND = 0.2
 
 
@@ -62,7 +62,7 @@ def log_line(sizes: Sequence[int], seconds: Sequence[float]) -> Line:
 
 
 def noise(num: int, seed: int = 0) -> np.ndarray:
-    """Return noise between 5 and 60 Hz, 2 N/kg rms, so that motion is alike for any length."""
+    """Return noise from 5 to 60 Hz of 2 N/kg rms, so that the motion is alike for any length."""
     spectrum = np.fft.rfft(np.random.default_rng(seed).normal(size=num))
     frequency = np.fft.rfftfreq(num, 1 / FS)
     u = np.fft.irfft(np.where((frequency > 5.0) & (frequency < 60.0), spectrum, 0.0), num)
@@ -74,7 +74,7 @@ def loss(joint, u):
 
 
 def theta_of(scale) -> dict[str, jax.Array]:
-    """Return the paper's parameters, with zeta and the following ones scaled."""
+    """Return the published parameters, with zeta and all following ones multiplied by a factor."""
     values = {name: jnp.asarray(p) * scale for name, p in zip(NAMES, PAPER, strict=True)}
     return values | {"omega_n": PAPER[0] * jnp.ones_like(scale), "gain": jnp.ones_like(scale)}
 

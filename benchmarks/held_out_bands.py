@@ -1,4 +1,4 @@
-"""Do the bands of measured structures hold records that no fit has seen?
+"""Do the bands of measured structures contain records that were not fitted?
 
 Each test of a campaign, or each record of its decays, is left out in turn; a single record is cut
 into four blocks. The rest is fitted, draws come from the Gaussian approximation at the optimum, and
@@ -49,11 +49,11 @@ SETS = {
     "F-16, multisines": "f16_multisine",
     "Silverbox": "silverbox",
 }
-# sd of the logarithms of the law's parameters.
+# standard deviation of the logarithms of the law's parameters
 OMEGA_N, ZETA, SCATTER = 2 * np.pi * 18.8, 0.00444, 0.2
 BOUC_WEN = {"alpha": 2500.0, "delta": 340.0, "gamma": 90.0}
 IWAN = {"iwan_stiffness": 1500.0, "iwan_loss": 217.0, "iwan_chi": -0.3, "iwan_beta": 0.5}
-# True parameters, the fitted laws, and the smallest and largest level [V].
+# true parameters, the fitted laws, and the smallest and largest level [V]
 RIG = {
     "right law": (BOUC_WEN, ("bouc_wen",), (0.01, 0.08)),
     "Iwan under Bouc-Wen": (IWAN, ("bouc_wen",), (0.005, 0.04)),
@@ -67,7 +67,7 @@ TRUE = {
     "extra damping": ("bouc_wen", "quadratic_damping"),
 }
 LEFT_OUT = (2, 5)  # indices of left-out levels among six
-NUM_BLOCKS = 4  # of a set with one record
+NUM_BLOCKS = 4  # number of blocks of a set with only one record
 REACH = 2.576  # standard deviations from the centre of a 99 % band to its ends
 COLUMNS = {
     "set": "",
@@ -128,7 +128,7 @@ def bases(campaign: Campaign) -> tuple[Basis, Basis]:
 
 
 def noise_of(data: Dataset, sizes: Mapping[str, int]) -> dict[str, Any]:
-    """Return the noise of every group of the fit, in the form of a posterior."""
+    """Return the noise of every data group of the fit, in the form of a posterior."""
     known, shape = {}, (sizes["chain"], sizes["draw"])
     for i, part in enumerate(data.parts):
         if part.dimension:
@@ -151,7 +151,7 @@ def rows(name: str) -> Iterator[dict[str, Any]]:
 
 
 def missed_by(basis: Basis) -> str:
-    """Return the names of quantities in which the law's error exceeds noise, as in the verdict."""
+    """Return the quantities in which the law's error exceeds noise, as the verdict lists them."""
     discrepancy = basis.discrepancy
     assert discrepancy is not None
     both = zip(discrepancy.forced, discrepancy.decays, strict=True)
@@ -165,7 +165,7 @@ def missed_by(basis: Basis) -> str:
 
 
 def compared(before: Basis, after: Basis, held: Test) -> dict[str, Any]:
-    """Return the coverage of a test's bands without the model discrepancy and with it."""
+    """Return the coverage of a test's bands, without and with the model discrepancy."""
     found: dict[str, Any] = {"missed": missed_by(after)}
     for suffix, basis in ((" before", before), ("", after)):
         attrs = predict(basis, held, Request(seed=1)).attrs
@@ -180,7 +180,7 @@ def compared(before: Basis, after: Basis, held: Test) -> dict[str, Any]:
 
 
 def made(case: str, seed: int) -> Campaign:
-    """Return a campaign of six levels of sweeps on the rig; the case states the fitted laws."""
+    """Return a campaign of sweeps at six levels from the rig; the case states the fitted laws."""
     truth, laws, levels = RIG[case]
     rng = np.random.default_rng(seed)
     theta = {name: x * np.exp(SCATTER * rng.standard_normal()) for name, x in truth.items()}
@@ -200,7 +200,7 @@ def made(case: str, seed: int) -> Campaign:
 
 
 def rig_rows(case: str, seed: int) -> Iterator[dict[str, Any]]:
-    """Yield the coverage of bands of two left-out levels, an inner one and the highest."""
+    """Yield the coverage of the bands for two left-out levels, an inner one and the highest."""
     campaign, started = made(case, seed), perf_counter()
     held = [campaign.tests[i] for i in LEFT_OUT]
     tests = tuple(test for i, test in enumerate(campaign.tests) if i not in LEFT_OUT)

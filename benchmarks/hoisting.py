@@ -41,7 +41,7 @@ NATIVE = 'xla_cpu_small_call="true"'
 
 
 class Spoiled(HysteresisExact):
-    """The same step with a custom call, LAPACK's factorisation of a 1 x 1 matrix."""
+    """The same time step with a custom call: LAPACK's factorisation of a 1 x 1 matrix."""
 
     def step(self, terms, t0, t1, y0, args, solver_state, made_jump):
         """Advance by one substep, with a custom call."""
@@ -55,7 +55,7 @@ def forward(joint, u):
 
 
 def summed(joint, u):
-    """Return sums over a residual; the loop stores no response."""
+    """Return sums over a residual, computed by a time loop that stores no response."""
     empty = jnp.zeros((0, NUM))
     compared = Compared(u, empty, jnp.zeros(0), empty, order=1)
     source = held(u, "first", periodic=False)
@@ -63,13 +63,13 @@ def summed(joint, u):
 
 
 def batched(joint, u):
-    """Return the same sums for eight joints in parallel."""
+    """Return sums over the residuals of eight joints in parallel, without stored responses."""
     joints = jax.tree.map(lambda x: x * jnp.linspace(0.99, 1.01, 8), joint)
     return jax.vmap(lambda joint: summed(joint, u))(joints)
 
 
 def piece_of_march(joint, u):
-    """Return the arguments of the program for fits and sampling: lanes of joints on one record."""
+    """Return the arguments of the program for fits and sampling: many joints under one record."""
     size, ones = batch.INTERVALS + 1, np.ones(batch.LANES)
     joints = jax.tree.map(lambda x: jnp.asarray(x) * ones, as_oscillator(joint))
     rows = input_polynomials(u, "first", periodic=False)
@@ -89,7 +89,7 @@ def gradient(joint, u):
 
 
 def control(joint, u):
-    """Run the loop of `forward` around the step with a custom call."""
+    """Run the time loop of `forward`, with a custom call in its step."""
     steps = stepping(joint, held(u, "first", periodic=False), FS, 1)
     rest = jnp.zeros(())
     return diffrax.diffeqsolve(
@@ -108,7 +108,7 @@ def control(joint, u):
 
 
 def loops_left(program: str) -> int:
-    """Count the loops of a compiled program that are reached without a native call around them."""
+    """Count the loops of a compiled program that are not inside a native call."""
     found = COMPUTATION.findall(program)
     lines = {name: body.splitlines() for _, name, body in found}
     reached = [name for entry, name, _ in found if entry]

@@ -1,4 +1,4 @@
-r"""Do the intervals of two bolts hold the truth, and does the evidence tell one law from two?
+r"""Do the intervals of two bolts contain the truth, and does the evidence favour one law or two?
 
 Two lapped beams have two bolts, with sweeps through modes 1 to 3 at two levels each, 1 % of noise,
 and laws of the bolts that are drawn again for each data set. The second bolt's delta is a given
@@ -67,12 +67,13 @@ from jbw.study.differences import changed_joints
 FS, DURATION, TO_HZ, ZETA, NOISE = 1024.0, 1.0, 320.0, 0.004, 0.01
 SUBSTEPS = 16  # steps of the fit: 0.6 rad of the fastest residual mode
 COARSE = 8  # steps of the fit if only intervals are requested
-# Points per round, effective draws to reach, and largest number of rounds.
+# points per round, effective draws to reach, and largest number of rounds
 ROUND, EFFECTIVE, MOST_ROUNDS = 256, 600.0, 24
 SCATTER = 0.2  # sd of the logarithm of each of the laws' parameters between data sets
 LABELS = ("bolt_1", "bolt_2")
 LAWS = tuple(f"bouc_wen@{label}" for label in LABELS)
-PRELOAD = 0.9  # preload of a loosened bolt: the same slip occurs at so much less motion
+# preload of a loosened bolt: slip then occurs at motion that is smaller by this factor
+PRELOAD = 0.9
 MIDDLE = {"alpha": 7e6, "delta": 2.5e5, "gamma": 5e4}
 # Band [Hz] and forces [N] of the sweeps through each mode, from weak to strong slip.
 SWEEPS = {
@@ -80,7 +81,7 @@ SWEEPS = {
     "second": ((70.0, 105.0), (0.5, 2.5)),
     "third": ((270.0, 330.0), (1.0, 5.0)),
 }
-EVIDENCE_KEY, DRAWS_KEY = 300, 400  # added to the seed
+EVIDENCE_KEY, DRAWS_KEY = 300, 400  # numbers added to the seed
 NUM_DRAWS = 4000  # draws from the Gaussian approximation at a fit
 CENTRAL = 0.99
 TAILS = (0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2)
@@ -199,7 +200,7 @@ def fitted(seed: int, campaign: Campaign, truth: Mapping[str, float]) -> Fitted:
 
 
 def compared(seed: int, delta_ratio: float, *, by_fit: bool = False) -> dict[str, Any]:
-    """Return which bolts have changed, from two data sets, one with a loosened bolt.
+    """Return which bolts have changed, judged from two data sets, one with a loosened bolt.
 
     With `by_fit` the posteriors are normal, from fits that start at the truth of the first data
     set.
@@ -237,7 +238,7 @@ def chi_square_of(truth: Mapping[str, float], ready: Fitted) -> float:
 
 
 def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
-    """Return one data set's answer: z-scores, intervals with the truth in them, evidence."""
+    """Return the answer from one data set: z-scores, intervals that contain the truth, evidence."""
     began, (campaign, truth) = perf_counter(), made(seed, delta_ratio)
     ready, tree = identified(seed, campaign)
     key = jax.random.fold_in(jax.random.key(seed), EVIDENCE_KEY)
@@ -260,7 +261,7 @@ def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
 
 
 def tried_by_intervals(seed: int, delta_ratio: float) -> dict[str, Any]:
-    """Return one data set's answer from weighted posterior points, without the evidence.
+    """Return the answer from weighted posterior points of one data set, without the evidence.
 
     An interval contains the true value if a share u of the weight is below it, 0.005 < u < 0.995.
     """
@@ -285,7 +286,7 @@ def tried_by_intervals(seed: int, delta_ratio: float) -> dict[str, Any]:
 
 
 def tried_by_fit(seed: int, delta_ratio: float) -> dict[str, Any]:
-    """Return one data set's answer from a least-squares fit, without draws or evidence."""
+    """Return the answer from a least-squares fit of one data set, without draws or evidence."""
     began, (campaign, truth) = perf_counter(), made(seed, delta_ratio)
     ready = fitted(seed, campaign, truth)
     std = dict(zip(ready.fit.theta, np.sqrt(np.diag(ready.fit.covariance)), strict=True))
@@ -301,7 +302,7 @@ def tried_by_fit(seed: int, delta_ratio: float) -> dict[str, Any]:
 
 
 def preferred(answer: Mapping[str, Any]) -> str:
-    """Return which hypothesis the evidence prefers: one law for both bolts, or one for each."""
+    """Return which hypothesis the evidence prefers: one law for both bolts, or two laws."""
     return "tied" if answer["log_ratio"] > 0 else "own"
 
 
@@ -321,13 +322,13 @@ def line(answer: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def row(name: str, within: Sequence[bool], z: Sequence[float]) -> tuple[Any, ...]:
-    """Return the coverage of one parameter, or of all, with the exact binomial test of 99 %."""
+    """Return the coverage for one parameter, or for all, with the exact binomial test of 99 %."""
     chance = stats.binomtest(sum(within), len(within), CENTRAL).pvalue
     return name, len(within), sum(within), float(np.mean(z)), float(np.std(z)), float(chance)
 
 
 def together(chi_squares: Sequence[float], num_parameters: int) -> tuple[Any, ...]:
-    """Return the test of all parameters together, against a chi-square distribution."""
+    """Return the joint test of all parameters, against a chi-square distribution."""
     p = stats.chi2.sf(chi_squares, num_parameters)
     within = int(np.sum(p > 1 - CENTRAL))
     by_chance = stats.binomtest(within, len(p), CENTRAL).pvalue
@@ -385,7 +386,7 @@ def changed_tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
 
 
 class Kind(NamedTuple):
-    """One kind of study: how a data set is answered, shown in a row, and tabulated."""
+    """A kind of study: how an answer is computed from a data set, shown in a row, and tabulated."""
 
     answer_of: Callable[[int, float], dict[str, Any]]
     row_of: Callable[[Mapping[str, Any]], tuple[Any, ...]]
@@ -403,7 +404,7 @@ KINDS = {
 
 
 def kept(file: Path | None, asked: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the stored answers of a file to the same request."""
+    """Return the answers in a file that belong to the same request."""
     if file is None or not file.exists():
         return []
     answers = [json.loads(text) for text in file.read_text().splitlines()]

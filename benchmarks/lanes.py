@@ -1,4 +1,4 @@
-"""What does a solve cost in lanes, with and without gradient, on one and on two devices?
+"""What does a batch of solves cost, with and without gradient, on one and on two devices?
 
 The standard sweep is solved for 1 to 128 sets of parameters at once, with one step per sample. The
 yardstick is RK4 in C with 16 sets in the arithmetic units at once, with 4 steps at jbw's error, and
@@ -41,7 +41,7 @@ def value_and_gradient(joints, u):
 
 
 def shared(function: Callable, devices: int) -> Callable:
-    """Return the function with its lanes shared among several devices."""
+    """Return the function with its batch shared among several devices."""
     if devices == 1:
         return function
     mesh = Mesh(np.array(jax.devices()[:devices]), ("lane",))
@@ -51,7 +51,7 @@ def shared(function: Callable, devices: int) -> Callable:
 
 
 def contenders(kind: str, function: Callable) -> dict[str, Callable]:
-    """Return compiled calls by number of lanes and devices; each device needs at least one lane."""
+    """Return compiled calls by batch size and number of devices, at least one solve on each."""
     u = jnp.asarray(U)
     return {
         label(kind, num, devices): compiled(shared(function, devices), lanes(num), u)
@@ -79,7 +79,7 @@ def c_lanes() -> dict[str, Callable]:
 
 
 def per_lane(times: Mapping[str, Times], name: str, num: int) -> float | None:
-    """Return the nanoseconds per lane and sample; None where not measured."""
+    """Return the nanoseconds per solve and sample; None where not measured."""
     return 1e9 * times[name].least / (num * NUM) if name in times else None
 
 
@@ -95,7 +95,7 @@ def tables(calls: int) -> list[Table]:
 
 
 def summaries(times: Mapping[str, Times]) -> list[Table]:
-    """Return the table of lanes, and the targets."""
+    """Return the table of batch sizes, and the table of targets."""
     c_1, c_4 = (per_lane(times, f"C, {name}", yardstick.WIDTH) for name in ("1 step", "4 steps"))
     forward = {num: per_lane(times, label("forward", num, 1), num) for num in LANES}
     one, rk4 = forward[1], per_lane(times, SAME_SCHEME, 32)

@@ -1,4 +1,4 @@
-"""Does the posterior hold the truth, and the right law the weight, whatever law made the records?
+"""Does the posterior contain the truth, and is the right law preferred, for records of any law?
 
 Campaigns of six sweeps come from the virtual rig, whose separate code integrates every law, with
 parameters drawn again for each campaign. `jbw.compare_laws` gets each campaign with the true law
@@ -30,8 +30,8 @@ from jbw.rig.presets import Preset
 
 FS, OMEGA_N, ZETA, GAIN = 256.0, 2 * np.pi * 18.8, 0.00444, 15.0
 SCATTER = 0.2  # sd of the logarithm of each of the law's parameters between campaigns
-NOISE = 0.01  # relative to the rms of each record
-NUM_LEVELS, REPEATS = 6, 2  # A level is a run; fewer than five runs give no weights.
+NOISE = 0.01  # noise relative to the rms of each record
+NUM_LEVELS, REPEATS = 6, 2  # Each level is one run; fewer than five runs give no weights of laws.
 RIVALS = ("cubic", "bouc_wen", "iwan4")
 KNOWN = 0.25  # A parameter counts as identified if its sd relative to its mean is smaller.
 COLUMNS = {
@@ -43,7 +43,7 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Truth:
-    """A law that generates records: its parameters, and the range of source levels."""
+    """A law that generates records: its parameters, and the range of levels of the source."""
 
     law: str
     theta: Mapping[str, float]
@@ -104,7 +104,7 @@ def made(truth: Truth, seed: int) -> tuple[Any, dict[str, float]]:
 
 
 def ranks(compared: LawComparison, law: str, truth: Mapping[str, float]) -> dict[str, list[float]]:
-    """Return the truth's relative rank among the true law's draws, and their sd over mean.
+    """Return the rank of the true values among the true law's draws, and the draws' sd over mean.
 
     Ranks are between 0 and 1.
     """
@@ -118,7 +118,7 @@ def ranks(compared: LawComparison, law: str, truth: Mapping[str, float]) -> dict
 
 
 def tried(name: str, seed: int, rivals: Sequence[str]) -> dict[str, Any]:
-    """Return the answer of one campaign: ranks, scores and evidence of the laws."""
+    """Return the result for one campaign: ranks of the truth, scores and evidence of the laws."""
     truth = TRUTHS[name]
     campaign, theta = made(truth, seed)
     laws = list(dict.fromkeys([truth.law, *rivals]))

@@ -44,7 +44,7 @@ LAWS = {
 
 
 def cost(what: Callable[[], Any], calls: int) -> list[float]:
-    """Return the CPU seconds of the first call, and the mean of later ones."""
+    """Return the CPU seconds of the first call, and the mean of those of later calls."""
     seconds = []
     for _ in range(calls + 1):
         start = process_time()
@@ -54,7 +54,7 @@ def cost(what: Callable[[], Any], calls: int) -> list[float]:
 
 
 def table(calls: int) -> tuple[Table, Table]:
-    """Return a row for each law and kind of prediction, and the targets."""
+    """Return a row for each law and kind of prediction, and the table of targets."""
     rows = []
     for law, (theta, levels) in LAWS.items():
         for name, what in predictions(law, theta, np.array([levels])).items():

@@ -1,4 +1,4 @@
-"""What do several modes with one joint cost, beside one mode?
+"""What do several modes with one joint cost, compared with one mode?
 
 The standard sweep passes through `jbw.simulate` of a `BoucWen` and of a `Structure` with 1, 2, 3
 and 5 modes, with the gradient of half the sum of squares of the output's velocity by all
@@ -27,7 +27,7 @@ HZ = np.array([18.8, 57.2, 131.0, 83.0, 101.0])
 
 
 def structure(joint: jbw.BoucWen, modes: int) -> jbw.Structure:
-    """Return a structure with the joint's mode and some modes above it."""
+    """Return a structure with the joint's mode and further modes above it."""
     omega_n = jnp.asarray(2 * np.pi * HZ[:modes]).at[0].set(joint.omega_n)
     h, p = (
         jnp.asarray(x[:modes]) for x in ((1.0, -1.7, 2.3, 0.6, -0.9), (1.0, -1.1, 0.8, 0.5, -0.4))
@@ -42,7 +42,7 @@ def loss(u: jax.Array, fs: float, model: jbw.BoucWen | jbw.Structure) -> jax.Arr
 
 
 def steady_table(joint: jbw.BoucWen, calls: int) -> tuple[Table, Target]:
-    """Return the table of the harmonic balance with 1 and with 5 modes, and the target."""
+    """Return the table of harmonic balance with 1 and with 5 modes, and the target."""
 
     def harmonics(model: jbw.Structure) -> jax.Array:
         return jbw.steady_state(model, TONES, AMPLITUDE, NUM_HARMONICS).x

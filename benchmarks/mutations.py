@@ -1,4 +1,4 @@
-"""Does a test notice each of these small changes of physics, statistics, verdict and results?
+"""Is each of these small changes of physics, statistics, verdicts and results noticed by a test?
 
     python benchmarks/mutations.py [WORD ...] [--calls 20] [--json FILE]
 
@@ -23,16 +23,16 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 FAILED = "fail"
-LIMIT_S = 900  # per mutation: a test that does not end has noticed nothing
+LIMIT_S = 900  # [s] per mutation: a test that does not end in this time has noticed nothing
 
 
 class Mutation(NamedTuple):
     """One change of the code, and the tests that must notice it."""
 
-    path: str  # below jbw
-    old: str  # occurs once
+    path: str  # path of the file, below jbw
+    old: str  # changed text, which occurs once
     new: str
-    tests: str  # files or test ids, below tests
+    tests: str  # files or ids of tests, below tests
 
 
 def read_mutations() -> tuple[Mutation, ...]:
@@ -46,7 +46,7 @@ def read_mutations() -> tuple[Mutation, ...]:
 
 
 def survives(mutation: Mutation) -> str:
-    """Return why a mutation was not noticed; an empty text where it was."""
+    """Return why a mutation counts as not noticed; an empty text if a test failed."""
     if ended := sound(mutation.tests):
         return f"without it its tests {ended}"
     with tempfile.TemporaryDirectory() as name:
@@ -54,7 +54,7 @@ def survives(mutation: Mutation) -> str:
         for part in ("jbw", "tests"):
             shutil.copytree(
                 ROOT / part, copy / part
-            )  # with compiled code, which the change outdates
+            )  # including compiled files, which the change makes stale
         shutil.copy(ROOT / "pyproject.toml", copy)
         changed = copy / "jbw" / mutation.path
         text = changed.read_text(encoding="utf-8")
@@ -67,16 +67,16 @@ def survives(mutation: Mutation) -> str:
 
 @cache
 def sound(tests: str) -> str:
-    """Return how tests end on the unchanged package; an empty text where they pass."""
+    """Return how the tests end on the unchanged package; an empty text if they pass."""
     return tested(ROOT, tests)
 
 
 def tested(folder: Path, tests: str) -> str:
-    """Return how tests end on the package of a folder; an empty text where they pass."""
+    """Return how the tests end on the package in a folder; an empty text if they pass."""
     known = os.environ | {"PYTHONPATH": str(folder)}
     command = [sys.executable, "-m", "pytest", "-n0", "-x", "-q", "-p", "no:cacheprovider"]
     chosen = [f"tests/{each}" for each in tests.split()]
-    if all("::" in each for each in chosen):  # named one by one, whatever tier they are of
+    if all("::" in each for each in chosen):  # Named tests run whatever tier they belong to.
         command += ["-m", "slow or release or not slow"]
     command += chosen
     try:
@@ -87,7 +87,7 @@ def tested(folder: Path, tests: str) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Try every chosen mutation; return 1 if one survives."""
+    """Try every chosen mutation; return 1 if any is not noticed."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,4 +1,4 @@
-"""Did a change make the solver slower? The package of two trees, in turns in one process.
+"""Did a change make the solver slower? Two source trees take turns in one process.
 
 The standard sweep, its gradient, 32 lanes of it with and without gradient, and the steady state at
 five tones are compiled from the packages of both trees; a ratio above one is slower than before.
@@ -28,7 +28,7 @@ COLUMNS = {"what": "", "before, ms": ".3f", "now, ms": ".3f", "now / before": ".
 
 
 def package(tree: Path) -> ModuleType:
-    """Import the package of a tree, next to one that was loaded before."""
+    """Import the package of a source tree, next to one that was imported before."""
     for name in [name for name in sys.modules if name.partition(".")[0] == "jbw"]:
         del sys.modules[name]
     sys.path.insert(0, str(tree))
@@ -41,7 +41,7 @@ def package(tree: Path) -> ModuleType:
 
 
 def contenders(jbw: ModuleType) -> dict[str, Callable[[], Any]]:
-    """Return the compiled calls of one package."""
+    """Return the compiled calls of one package, by name."""
     joint = jbw.BoucWen(*(jnp.asarray(p, float) for p in PAPER))
     spread = 1.0 + 0.05 * jnp.linspace(-1.0, 1.0, LANES)
     joints = jbw.BoucWen(*(p * spread for p in PAPER))
@@ -65,7 +65,7 @@ def contenders(jbw: ModuleType) -> dict[str, Callable[[], Any]]:
 
 
 def main() -> None:
-    """Print the ratios of times, new to old."""
+    """Print the ratios of times, new package to old."""
     jax.config.update("jax_enable_x64", True)
     parser = options(__doc__)
     parser.add_argument("tree", type=Path, help="the tree of the older package")

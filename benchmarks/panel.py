@@ -1,4 +1,4 @@
-"""Does the posterior converge by itself, and does the verdict say what it should, on 40 campaigns?
+"""Does the posterior converge with default settings, and is the verdict right, for 40 campaigns?
 
 Each campaign is identified with the defaults, in a separate process without compiled code. Most
 campaigns are made by `outside`, whose integrator shares nothing with jbw; those with steady tones
@@ -39,20 +39,21 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Outside:
-    """A campaign from the outside integrator: its joint, tests and settings."""
+    """A campaign from the independent integrator in `outside`: its joint, tests and settings."""
 
-    joint: Plant | None = None  # Bouc-Wen of `parameters` when None
-    parameters: Mapping[str, float] = field(default_factory=lambda: JOINT)  # of the truth
+    joint: Plant | None = None  # joint; if None, a Bouc-Wen joint of `parameters`
+    parameters: Mapping[str, float] = field(default_factory=lambda: JOINT)  # true parameters
     excitations: tuple[programmes.Excitation, ...] = (SWEEPS,)
-    noise: float = 0.002  # relative to the rms of the strongest sweep, or of the strongest test [-]
+    # noise relative to the rms of the strongest sweep, or else of the strongest test [-]
+    noise: float = 0.002
     repeats: int = 4
     fs: float = FS
-    delay: float = 0.0  # [s]
+    delay: float = 0.0  # lag of the response [s]
     laws: tuple[str, ...] = ("bouc_wen",)
     right: bool = True  # whether the chosen laws can follow the truth
 
     def campaign(self) -> tuple[jbw.Campaign, dict[str, float]]:
-        """Return the campaign, and the true values by the names of a posterior."""
+        """Return the campaign, and the true values under the names of the posterior."""
         joint = self.joint or programmes.bouc_wen(**self.parameters)
         made = [
             test
@@ -76,7 +77,7 @@ class Outside:
 
 @dataclass(frozen=True)
 class Rig:
-    """A campaign from jbw's rig: its options."""
+    """A campaign from jbw's virtual rig: its options."""
 
     options: Mapping[str, Any]  # options of `jbw.rig.measure`
     right: bool = True
@@ -159,7 +160,7 @@ CAMPAIGNS: dict[str, Outside | Rig] = {
 
 
 def judged(name: str) -> dict[str, Any]:
-    """Return the result of identifying a campaign: verdict, coverage, errors and time."""
+    """Identify a campaign; return verdict, coverage, errors and time."""
     case = CAMPAIGNS[name]
     campaign, truth = case.campaign()
     started = perf_counter()

@@ -1,4 +1,4 @@
-"""Do a population's intervals hold a new unit as often as they say, where NUTS samples it?
+"""Do intervals of a population contain a new unit as often as stated, sampled by NUTS?
 
     python benchmarks/populations.py [--units 3 5 10] [--number 100] [--json FILE]
 
@@ -38,14 +38,14 @@ Sampled = Callable[[Any, UnitPosteriors], tuple[dict[str, np.ndarray], np.ndarra
 
 
 class Truth(NamedTuple):
-    """A population: its units as they are seen, and an unmeasured unit."""
+    """A true population: its units with their own errors, and an unmeasured unit."""
 
     units: UnitPosteriors
     new: np.ndarray
 
 
 def made(rng: np.random.Generator, num: int, scale: np.ndarray) -> Truth:
-    """Return one population, drawn from its priors."""
+    """Draw one population from its priors."""
     d, key = len(scale), jax.random.key(int(rng.integers(2**31)))
     tau = scale * np.abs(rng.standard_normal(d))
     root = np.asarray(dist.LKJCholesky(d, EVEN).sample(key)) * tau[:, None]
@@ -102,13 +102,13 @@ def sampler_of(num: int, accepted: float) -> Sampled:
 
 
 def places(drawn: dict[str, np.ndarray], new: np.ndarray) -> np.ndarray:
-    """Return the predicted probability that a unit is below the new one, by coordinate."""
+    """Return, by coordinate, the predicted probability of values below the new unit's."""
     line, tau = (drawn[name].reshape(-1, len(new)) for name in ("line", "tau"))
     return ndtr((new - line) / tau).mean(axis=0)
 
 
 def populations(num: int, count: int, accepted: float, seed: int = 0) -> Iterator[tuple]:
-    """Yield places of new units, share of divergent draws and R-hat, one population at a time."""
+    """Yield, per population, ranks of new units, share of divergent draws, and R-hat."""
     rng, drawn = np.random.default_rng(seed), sampler_of(num, accepted)
     one = CovariateDesign(("mean",), np.ones((1, 1)), np.nan)
     scale = prior_of(NAMES, PRODUCTS, np.zeros((1, len(NAMES))), one).tau

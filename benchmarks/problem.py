@@ -1,4 +1,4 @@
-"""The standard sweep, which most benchmarks solve, and its solution by diffrax alone."""
+"""The standard sweep, which most benchmarks solve, and its solution by diffrax without jbw."""
 
 import json
 from collections.abc import Callable, Iterable
@@ -22,7 +22,7 @@ U = 2.053397886 * np.sin(np.pi * 2.5 * TIME**2)
 
 
 def joint() -> BoucWen:
-    """Return the paper's joint."""
+    """Return the joint with the published parameters."""
     return joint_of(PAPER)
 
 
@@ -33,33 +33,33 @@ def joint_of(values: Iterable[Any]) -> BoucWen:
 
 
 def lanes(num: int) -> BoucWen:
-    """Return `num` joints within 5 % of the paper's; a single one is scalar, with a faster step."""
+    """Return `num` joints within 5 % of the published one; a single one is scalar and faster."""
     if num == 1:
         return joint()
     return joint_of(p * (1.0 + 0.05 * np.linspace(-1.0, 1.0, num)) for p in PAPER)
 
 
 def exact_velocity() -> np.ndarray:
-    """Return the velocity of the standard sweep, accurate to about 1e-10 [m/s]."""
+    """Return the velocity of the standard sweep with an error of about 1e-10 [m/s]."""
     if yardstick.library() is None:
         return np.asarray(simulate(joint(), jnp.asarray(U), FS, substeps=64).v)
     return yardstick.reference(PAPER, U, FS)
 
 
 def relative_error(found: Any, exact: np.ndarray) -> float:
-    """Return the relative L2 error."""
+    """Return the relative error, as a ratio of L2 norms."""
     return float(np.linalg.norm(np.asarray(found) - exact) / np.linalg.norm(exact))
 
 
 def golden_sweep() -> tuple[dict, np.ndarray]:
-    """Return the sweep of tests/golden.json, first-order hold at A = 2, and its input [N/kg]."""
+    """Return the sweep of tests/golden.json (linear between samples, A = 2), and its input."""
     case = json.loads(GOLDEN.read_text())["sweep"]["cases"][0]
     t = np.arange(case["N"] + 1) / case["fs"]
     return case, case["A"] * np.sin(np.pi * case["rate_hz_per_s"] * t**2)
 
 
 def reference_line() -> str:
-    """Return a sentence on the reference's error against the event-located solution."""
+    """Return a sentence on the error of the reference, from a solution that locates events."""
     case, u = golden_sweep()
     if yardstick.library() is None:
         return "Reference: jbw with 64 steps a sample, for want of a C compiler."
@@ -126,7 +126,7 @@ def rk4_velocity(joint, u, fs, adjoint: diffrax.AbstractAdjoint | None = None):
 
 
 def indexed_tsit5_velocity(joint, u, fs, substeps: int):
-    """Return the velocity by diffrax's Tsit5, with time in samples and input by index [m/s]."""
+    """Return the velocity by diffrax's Tsit5; time in samples, input read by index [m/s]."""
     num = u.shape[0] - 1
 
     def field(tau, state, args):
@@ -150,7 +150,7 @@ def indexed_tsit5_velocity(joint, u, fs, substeps: int):
 
 
 def newcomers_velocity(joint, t, u, substeps: int = 1):
-    """Return the velocity with a newcomer's diffrax: interpolated input, packed state [m/s].
+    """Return the velocity by a newcomer's diffrax: interpolated input, packed state [m/s].
 
     The times of the output are requested by `ts`.
     """

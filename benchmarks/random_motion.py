@@ -1,4 +1,4 @@
-"""What is the random response of slipping joints by Monte Carlo, without jbw?
+"""What is the random response of slipping joints, computed by Monte Carlo without jbw?
 
     python benchmarks/random_motion.py --json tests/golden_random.json
 
@@ -24,7 +24,7 @@ OMEGA_N = 2 * np.pi * 20.0
 K_T, F_S, CHI, BETA = 0.2 * OMEGA_N**2, 2.0, -0.5, 0.5
 PHI_MAX = F_S * (1 + BETA) / (K_T * (BETA + (CHI + 1) / (CHI + 2)))
 LOST = K_T * PHI_MAX ** -(1 + CHI) / ((1 + BETA) * (2 + CHI))
-# Number of the law in C, damping ratio, parameters, stiffness at rest, levels (m/s^2)^2/Hz.
+# number of the law in C, damping ratio, parameters, stiffness at rest, levels [(m/s^2)^2/Hz]
 LAWS = {
     "linear": (1, 0.01, (0.0, 1.0), 0.0, (0.01,)),
     "bouc_wen": (
@@ -50,7 +50,7 @@ def library():
 
 
 def force(rng, psd):
-    """Return a periodic block of the force, extended by its own samples at both ends."""
+    """Return a periodic block of a force, extended at both ends by its own samples."""
     freq = np.fft.rfftfreq(BLOCK, 1 / FS)
     inside = (freq >= BAND[0]) & (freq <= BAND[1])
     # A line of one-sided density G has the mean square G fs / N.
@@ -101,7 +101,7 @@ def main():
 
 
 def closed_form():
-    """Return the rms displacement of the linear joint in the band, by the trapezium rule."""
+    """Return the rms displacement of a linear joint in the band, by the trapezium rule."""
     zeta, (psd,) = LAWS["linear"][1], LAWS["linear"][4]
     freq = np.linspace(*BAND, 2**21)
     x = 2 * np.pi * freq

@@ -1,8 +1,8 @@
-"""What does a law that remembers its reversals cost beside Bouc-Wen's exact step?
+"""What does a law that remembers load reversals cost, compared with Bouc-Wen's exact step?
 
 The standard sweep passes through Iwan's law of four parameters, forward, with the gradient of its
-six parameters, and for 16 sets of parameters; and through the paper's Bouc-Wen joint. There is one
-step per sample; all take turns in one process.
+six parameters, and for 16 sets of parameters; and through the Bouc-Wen joint of Teloli et al.
+There is one step per sample; all take turns in one process.
 
     python benchmarks/reversals.py [--calls 31] [--json FILE]
 """
@@ -21,7 +21,7 @@ BOUC_WEN, IWAN = "Bouc-Wen", "Iwan, four parameters"
 GRADIENT, FORWARD = "the same, value and gradient of six", "the same, jacfwd of six"
 LANES = "the same, 16 lanes"
 NUM_LANES = 16
-# omega_n and zeta of the paper; K_T, F_S, chi and beta of macroslip at the sweep's peak.
+# omega_n and zeta as published; K_T, F_S, chi and beta of macroslip at the sweep's peak
 PARAMETERS = (118.12388, 0.00444, 1500.0, 3.0, -0.3, 0.5)
 COLUMNS = {"solve": "", "min, ms": ".3f", "median, ms": ".3f", "ns a sample": ".1f"}
 COLUMNS |= {"/ Bouc-Wen": ".2f"}

@@ -1,4 +1,4 @@
-"""Which sampler gives most effective draws a second on Step 3, Step 4 and the joint posterior?
+"""Which sampler gives most effective draws per second for Step 3, Step 4 and the joint posterior?
 
 Three posteriors come from one virtual rig with a poor laser: zeta, alpha and delta from the
 third-order kernel at five tones; gamma alone from two short sweeps; all six parameters from both
@@ -33,13 +33,14 @@ from jbw.inference.samplers.sampling import sample
 from jbw.lab.samplers import compare, suited
 from jbw.rig.generator import Noise, Sweep
 
-LASER_NOISE = 1e-3  # [m/s], so large that the posterior is not a point
+LASER_NOISE = 1e-3  # [m/s]; so large that the posterior is wide enough to sample
 TONES = ("tone_5p00Hz", "tone_5p50Hz", "tone_6p00Hz", "tone_6p50Hz", "tone_6p75Hz")
 TESTS = ("noise_0p005V", *TONES, "sweep_0p05V", "sweep_0p20V")
 REPEATS = 4
 PUBLISHED = 64  # number of chains of 850 draws
 LONG = 400_000  # draws of each of four chains, until the published walk mixes
-REACH = {"nuts": 30.0, "random_walk": 100.0}  # targets relative to the published walk's rate
+# required rate of effective draws, relative to the published walk's
+REACH = {"nuts": 30.0, "random_walk": 100.0}
 COLUMNS = {
     "sampler": "", "draws": "d", "ESS": ".4g", "ESS / s": ".4g", "ESS / s, cold": ".4g",
     "evaluations / ESS": ".3g", "log evidence": "", "furthest, MCSE": ".2g", "verdict": "",
@@ -47,7 +48,7 @@ COLUMNS = {
 
 
 def shortened(plan: Any) -> Any:
-    """Return a plan with noise of 64 s, sweeps of 4 s and 4 s of decay."""
+    """Return a plan with 64 s of noise, sweeps of 4 s, and 4 s of decay."""
     change = {Noise: {"duration": 64.0}, Sweep: {"burst": 4.0, "duration": 8.0}}
     excitation = replace(plan.excitation, **change.get(type(plan.excitation), {}))
     return replace(plan, excitation=excitation)
@@ -91,7 +92,7 @@ def row_of(name: str, one: Mapping[str, Any]) -> tuple[Any, ...]:
 
 
 def published(posteriors: Mapping[str, Posterior]) -> Table:
-    """Return the effective draws in one published chain of 850, over many chains."""
+    """Return the number of effective draws in one published chain of 850, from many chains."""
     rows = []
     for name, posterior in posteriors.items():
         if posterior.stepped:
@@ -111,7 +112,7 @@ def published(posteriors: Mapping[str, Posterior]) -> Table:
 
 
 def mixed(posterior: Posterior) -> float:
-    """Return the effective draws per second of the published walk, run until it mixes."""
+    """Return the effective draws per second of the published walk, run until its chains mix."""
     options = {"num_warmup": 20_000, "num_samples": LONG, "chain_method": "vectorized"}
     about = posterior.log_likelihood, posterior.box, posterior.data
     rates = []
@@ -126,7 +127,7 @@ def mixed(posterior: Posterior) -> float:
 
 
 def beside_published(table: Table, posterior: Posterior) -> Table:
-    """Return the samplers' rates of effective draws on Step 3 relative to the published walk."""
+    """Return the samplers' rates of effective draws on Step 3, relative to the published walk's."""
     least, rate = mixed(posterior), list(COLUMNS).index("ESS / s")
     found = {row[0]: row[rate] for row in table.rows}
     return targets(

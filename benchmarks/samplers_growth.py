@@ -1,4 +1,4 @@
-"""How does the cost of an effective draw grow with the parameters and with the data?
+"""How does the cost of an effective draw grow with the numbers of parameters and of data?
 
 There are two families with a known posterior: a linear model of d parameters with correlated
 columns, whose posterior is normal; and Step 3, a thin ridge from wall to wall, with the noise of
@@ -28,9 +28,9 @@ from jbw.inference.space.box import box
 from jbw.lab.samplers import compare
 
 DIMENSIONS = (2, 4, 8, 16)
-NOISES = (1e-1, 1e-2, 1e-3)  # relative to |H3|, for one repeat
+NOISES = (1e-1, 1e-2, 1e-3)  # noise of one repeat relative to |H3|
 SAMPLERS = ("nuts", "elliptical_slice", "random_walk", "tempered_smc", "nested")
-CORRELATION = 0.9  # between neighbouring columns of the linear model
+CORRELATION = 0.9  # correlation of neighbouring columns of the linear model
 VALUES = 200
 COLUMNS = {
     "family": "",
@@ -76,7 +76,7 @@ def ridge_posterior(noise: float) -> Posterior:
 
 
 def rows_of(family: str, posterior: Posterior) -> list[tuple[Any, ...]]:
-    """Return rows on the cost of each sampler for a posterior."""
+    """Return rows on the cost of each sampler for one posterior."""
     found = compare(posterior, samplers=SAMPLERS).record
     rows = []
     for name in SAMPLERS:

@@ -1,4 +1,4 @@
-"""When does every command say its first line, and how long is it silent? CPU seconds, Linux.
+"""When does each command print its first line, and how long is it silent? CPU seconds, Linux.
 
     python benchmarks/silence.py [FOLDER]
 
@@ -61,7 +61,7 @@ def watched(arguments: list[str]) -> tuple[float, float, float, int]:
 
 
 def commands(campaign: Path, folder: Path) -> dict[str, list[str]]:
-    """Return every command that computes, in an order in which each finds its inputs."""
+    """Return every command that computes, ordered so that each finds its inputs."""
     run, first = str(folder / "run"), str(folder / "first")
     fleet, file = str(folder / "fleet.nc"), str(campaign)
     return {

@@ -1,4 +1,4 @@
-"""What does each solver cost at which error?
+"""What does each solver cost at a given error?
 
 The standard sweep is solved by C, numba, scipy, SUNDIALS, diffrax and jbw at several accuracies.
 The error is the relative L2 error of the velocity against C RK4 with 1024 steps per sample, which
@@ -37,12 +37,12 @@ import jbw
 COLUMNS = {"solver": "", "setting": "", "error of v": ".1e", "min, ms": ".3f"}
 COLUMNS |= {"median, ms": ".3f", "/ C, 1 step": ".3g"}
 TOLERANCES = (1e-4, 1e-6, 1e-8)
-# Their calls take seconds, far from the others: the ratios need no fine timing.
+# Calls of these take seconds, far longer than others, so that their ratios need no exact timing.
 SLOW_CALLS = 3
-# Okabe and Ito's colours differ for the colour-blind, too.
+# Okabe and Ito's colours, which colour-blind readers can distinguish
 COLOURS = ("#000000", "#D55E00", "#0072B2", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#7F7F7F")
 MARKERS = "osD^vP*X<"
-# Labels are above a line's first point unless another place is given.
+# A label is above the first point of its line unless another position is given.
 BESIDE = (-1, (8, -4))
 PLACES = {"SUNDIALS CVODE": (-1, (-112, -4)), "scipy RK45": BESIDE, "scipy DOP853": BESIDE}
 PLACES |= {"C RK4": BESIDE, "jbw": BESIDE, "diffrax Tsit5, input by index": BESIDE}
@@ -178,7 +178,7 @@ def sundials() -> list[Solver]:
 
 
 def measure(solvers: Sequence[Solver], calls: int) -> list[tuple]:
-    """Return the rows of the table; the slow solvers take fewer turns, among themselves."""
+    """Return the rows of the table; slow solvers take fewer turns, separately."""
     exact = exact_velocity()
     unit = solvers[0]
     times = {}

@@ -1,4 +1,4 @@
-"""What does the standard sweep cost through diffrax, beside C and beside a newcomer's diffrax?
+"""What does the standard sweep cost with diffrax, compared with C and with a newcomer's diffrax?
 
 A 16-s sweep at 1024 Hz is solved from rest under a first-order hold; all contenders take turns in
 one process. Machines are shared, so that only the ratios of the least times mean anything.

@@ -1,4 +1,4 @@
-"""What does the periodic response at five probing tones cost, and how exact is it?
+"""What does the periodic response at five tones cost, and how exact is it?
 
 The harmonic balance is compared with integration from rest until the transient has died, in C and
 through `simulate`, and with shooting. Each turn is three calls, of which the first finds the caches
@@ -30,7 +30,7 @@ COLUMNS |= {"error of Y_1": ".0e", "error of Y_3": ".0e"}
 
 
 class Route(NamedTuple):
-    """A method for the periodic response, and how to get Y_1 and Y_3 from its result."""
+    """A method for the periodic response, and a function for Y_1 and Y_3 of its result."""
 
     run: Callable[[], Any]
     harmonics: Callable[[Any], np.ndarray]

@@ -1,4 +1,4 @@
-"""Does the posterior of two modes with one joint hold the truth, a third mode beside them?
+"""Does the posterior of two modes with one joint contain the truth, with a third mode nearby?
 
 Campaigns of six sweeps come from the virtual rig: three about each of two modes, with a third mode
 above both bands that the campaign does not state, and a shaker whose armature moves along while its
@@ -35,8 +35,8 @@ from jbw.rig.presets import Plan, Preset
 from jbw.rig.structure import Armature, Shapes, law_of_mode, modal_truth
 
 FS, NOISE, REPEATS = 512.0, 0.01, 2
-SCATTER = 0.2  # sd of logarithms of shapes and of the joint's parameters between campaigns
-HZ = np.array([18.8, 57.2, 131.0])  # The campaign does not state the third one.
+SCATTER = 0.2  # standard deviation of logarithms of shapes and joint parameters between campaigns
+HZ = np.array([18.8, 57.2, 131.0])  # [Hz]; the campaign does not state the third mode
 BANDS = {"low": (14.0, 24.0, (0.8, 1.2, 2.0)), "high": (50.0, 64.0, (4.0, 7.0, 12.0))}
 ARMATURE = Armature(gain=1.0, mass=0.05, damping=1.0, stiffness=100.0)
 COLUMNS = {
@@ -87,7 +87,7 @@ def truth(shapes: Shapes, joint: jbw.BoucWen) -> dict[str, float]:
 
 
 def tried(seed: int) -> dict[str, Any]:
-    """Return the answer of one campaign: the truth's rank among the draws of each parameter."""
+    """Return, for one campaign, the rank of the truth among the draws of each parameter."""
     campaign, true = made(seed)
     began, keys = perf_counter(), jax.random.split(jax.random.key(seed))
     ready = fit_joint(keys[0], measured_in(campaign, lambda _: None), lambda _: None)

@@ -24,7 +24,7 @@ class Times(NamedTuple):
 
 
 class Table(NamedTuple):
-    """One table: its title, its rows, and heading and number format of each column."""
+    """A table: its title, its rows, and the heading and number format of each column."""
 
     title: str
     columns: Mapping[str, str]
@@ -32,7 +32,7 @@ class Table(NamedTuple):
 
 
 class Target(NamedTuple):
-    """A ratio with the limit that it must reach; `at_most` is False for a lower limit."""
+    """A ratio and the limit that it must keep; `at_most` is False for a lower limit."""
 
     name: str
     measured: float | None
@@ -84,14 +84,14 @@ def take_turns(
 
 
 def ahead(function: Callable, *arguments: Any) -> tuple[Callable, float]:
-    """Return the function compiled for such arguments, and the compilation time [s]."""
+    """Return the function compiled in advance for such arguments, and the compilation time [s]."""
     start = time.perf_counter()
     run = jax.jit(function).lower(*arguments).compile()
     return run, time.perf_counter() - start
 
 
 def compiled(function: Callable, *arguments: Any) -> Callable[[], Any]:
-    """Return the call function(*arguments), compiled ahead."""
+    """Return the call function(*arguments), compiled in advance."""
     run, _ = ahead(function, *arguments)
     return lambda: run(*arguments)
 
@@ -104,7 +104,7 @@ def targets(entries: Sequence[Target]) -> Table:
 
 
 def show(tables: Sequence[Table], packages: Sequence[str] = (), file: Path | None = None) -> None:
-    """Print the machine and the tables as Markdown, and write them to `file` when one is given."""
+    """Print the machine and the tables as Markdown; write them also to `file` if one is given."""
     print(machine(packages))
     for table in tables:
         print(f"\n{table.title}\n\n{markdown(table)}")

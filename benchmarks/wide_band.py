@@ -1,4 +1,4 @@
-"""How much of an F-16's sweeps over four modes and three points does one joint explain?
+"""How much of an F-16's sweeps over four modes and three points is explained by one joint?
 
 Sine sweeps of four levels between 4.9 and 10.5 Hz, with three accelerations, form a campaign with
 [structure]. Three models are compared: the modes are linear; the joint acts on the first mode
@@ -33,9 +33,9 @@ from jbw.observables.drives import told_by
 
 LEVELS = {1: 4.8, 3: 28.8, 5: 67.0, 7: 95.6}  # nominal force [N]
 POINTS = ("wing", "payload", "shaker")
-# Relative to cost and step: with a smaller one errors change by less than a thousandth.
+# tolerances relative to cost and step; smaller ones change errors by less than a thousandth
 TOLERANCE = 1e-4
-LEAST_COUPLING = 0.05  # smallest coupling of a start
+LEAST_COUPLING = 0.05  # smallest coupling at which a fit starts
 NUM_SCREENED = 24  # number of points of the law's parameters that are screened
 COLUMNS = {"model": "", "mean, %": ".1f", **{f"{point}, %": ".1f" for point in POINTS}}
 COLUMNS |= {"worst level, %": ".1f", "parameters": "d", "time, s": ".0f"}
@@ -63,7 +63,7 @@ settle = 35.0
 
 
 def campaign(laws: Sequence[str]) -> Campaign:
-    """Return the campaign of sweeps, each from the part in which it passes the band."""
+    """Return the campaign of sweeps, each cut to the part in which it passes the band."""
     text = HEAD + "".join(TEST.format(level=n, force=force) for n, force in LEVELS.items())
     with TemporaryDirectory() as folder:
         path = Path(folder) / "campaign.toml"
@@ -73,7 +73,7 @@ def campaign(laws: Sequence[str]) -> Campaign:
 
 
 def fitted(data: Dataset, taken: Campaign, start: Mapping[str, float]) -> Fit:
-    """Return the least-squares fit from a start, or without a law there from the best points."""
+    """Return the least-squares fit from a start; without a law in it, from the best points."""
     known = {**told_by(data.parts), **start}
     prior = box_of(taken.settings, data, known)
     middle = prepare.from_unit(np.full(len(prior.names), 0.5), prior)
@@ -95,7 +95,7 @@ def relative_motion(best: Mapping[str, float]) -> tuple[float, ...]:
 
 
 def row(name: str, best: Fit, data: Dataset, seconds: float) -> tuple[object, ...]:
-    """Return a fit's errors by point, as means over levels, as a table row."""
+    """Return a fit's errors at each point, averaged over levels, as a table row."""
     left = dataset.residual_by_label(best.residual, data)
     every = dataset.error_by_label(left, data)
     names = [f"level {n}" for n in LEVELS]
@@ -134,7 +134,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     free = replace(data, held={**data.held, **{n: np.asarray(x) for n, x in signs.items()}})
     shapes = {n: float(x) for n, x in own.held.items() if n.startswith("shape_")}
     begun = {**common.theta, **shapes}
-    # A coupling that ended at its bound, where it has no slope, starts inside.
+    # A coupling that ended at its bound, where its slope is zero, starts inside.
     begun |= {n: max(x, LEAST_COUPLING) for n, x in begun.items() if n.startswith("coupling_")}
     done("one joint, shapes free", free, taken, begun)
     show([Table("F-16, 4.9 to 10.5 Hz", COLUMNS, rows)], file=chosen.json)

@@ -1,4 +1,4 @@
-"""The C loops with which all solvers are compared, compiled where there is a C compiler."""
+"""The C loops with which all solvers are compared; they need a C compiler."""
 
 import ctypes
 import shutil
@@ -43,7 +43,7 @@ def rk4(parameters: Sequence[float], u: np.ndarray, fs: float, steps: int) -> np
 
 
 def rk4_lanes(parameters: np.ndarray, u: np.ndarray, fs: float, steps: int) -> np.ndarray:
-    """Return the velocity (time, WIDTH) of the WIDTH parameter sets (5, WIDTH) at once [m/s]."""
+    """Return the velocity (time, WIDTH) for WIDTH parameter sets (5, WIDTH) at once [m/s]."""
     v = np.empty((u.size, WIDTH))
     _loops().rk4_lanes(parameters, u, u.size, fs, steps, v)
     return v
@@ -59,7 +59,7 @@ def rk4_tone(
 
 
 def reference(parameters: Sequence[float], u: np.ndarray, fs: float) -> np.ndarray:
-    """Return a velocity accurate to about 1e-10: errors fall as 1/steps^2, 1e-7 at 16 steps."""
+    """Return a velocity with an error of about 1e-10 [m/s], which falls as 1/steps^2."""
     return rk4(parameters, u, fs, REFERENCE_STEPS)
 
 

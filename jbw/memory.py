@@ -81,11 +81,11 @@ class HeldRecords:
     finished: int = 0
 
     def begun(self, size: int) -> "HeldRecords":
-        """Return these records at the start of a new test with `size` modes and joints."""
+        """Return the sizes at the start of a new test with `size` modes and joints."""
         return HeldRecords(self.values, self.largest, 0, size, self.of_tests)
 
     def beside(self, samples: int, channels: int) -> "HeldRecords":
-        """Return these records plus one more record of the present test."""
+        """Return the sizes with one more record of the present test."""
         return replace(
             self,
             values=self.values + samples * channels,
@@ -133,7 +133,7 @@ def admit_all(samples: int, channels: int, name: str) -> None:
 
 
 def admit_alone(samples: int, channels: int, name: str) -> None:
-    """Raise a DataError for a record that is too large for an identification of it alone."""
+    """Raise a DataError for a record that alone is too large for an identification."""
     require_memory(NO_RECORDS.beside(samples, channels), name)
 
 

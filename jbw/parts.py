@@ -1,8 +1,8 @@
-"""Parts of a long job, stored in files until its output is written, so that it can be resumed.
+"""Partial results of a long computation, stored in files, so that it can be resumed.
 
-A part is one law, unit, replication, sampler, test or candidate. Its file contains plain values,
-arrays and labelled arrays, marked with the SHA-256 of everything that determines them: the command,
-the inputs, the sources and the seed. It contains no code.
+A partial result is that of one law, unit, replication, sampler, test or candidate. Its file
+contains plain values, arrays and labelled arrays, marked with the SHA-256 of everything that
+determines them: the command, the inputs, the sources and the seed. It contains no code.
 """
 
 import hashlib
@@ -24,27 +24,27 @@ ENDING = ".kept"
 
 
 class Parts(Protocol):
-    """A function that makes a part of a job, or loads it if it was made before."""
+    """A function that computes a partial result, or loads it if it is stored."""
 
     def __call__[T](self, name: str, make: Callable[[], T], /, *kinds: type) -> T:
-        """Return the part of the job that `make` returns.
+        """Return the partial result that `make` computes, or its stored copy.
 
         Args:
-            name: Name of the part, unique in the job.
-            make: Function that makes the part if it is not stored.
-            kinds: Dataclasses and named tuples in the part, which are rebuilt from their fields.
+            name: Name of the partial result, unique in the computation.
+            make: Function that computes the partial result if it is not stored.
+            kinds: Dataclasses and named tuples in it, which are rebuilt from their fields.
         """
         ...
 
 
 def unkept[T](name: str, make: Callable[[], T], /, *kinds: type) -> T:
-    """Make a part without storing it."""
+    """Compute a partial result without storing it."""
     return make()
 
 
 @dataclass(frozen=True)
 class KeptParts:
-    """Parts of a job stored in a folder, one file each.
+    """The partial results of a long computation, stored in a folder, one file each.
 
     Attributes:
         folder: The folder of the files.
@@ -55,7 +55,7 @@ class KeptParts:
     mark: str
 
     def __call__[T](self, name: str, make: Callable[[], T], /, *kinds: type) -> T:
-        """Return the part with this name as stored in its file, even if it was made just now.
+        """Return the partial result of this name as read from its file, even if it was just made.
 
         Raises:
             RunError: The file cannot be written.

@@ -42,7 +42,7 @@ class Quantity(NamedTuple):
 
 
 def must_be(quantity: Quantity, value: float) -> str | None:
-    """Return the condition on a quantity in words if a value is below its lowest; else None."""
+    """Return the condition on a quantity, in words, that a too small value violates; else None."""
     least = quantity.least
     if least is None or value > least or (value == least and not quantity.is_open):
         return None
@@ -259,7 +259,7 @@ _LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def motion_factor(mode: int, joint: str) -> Quantity:
-    """Return the quantity of a joint's motion in a mode (1: first) over the matrices'."""
+    """Return the quantity: motion of a joint in a mode, relative to that of the model."""
     number = str(mode).translate(_LOWERED)
     return Quantity(
         name_at(f"{MOTION_FACTOR}_{mode}", joint), f"f{number} {joint}", "1",

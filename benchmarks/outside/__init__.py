@@ -1,1 +1,1 @@
-"""Records and campaigns of a joint from outside jbw, and what jbw says of them."""
+"""Records and campaigns that are simulated without jbw, and what jbw reports on them."""

@@ -1,4 +1,4 @@
-"""The Cramer-Rao bound: how well white noise lets frequency and damping be known at all."""
+"""The Cramer-Rao bound of frequency and damping: the best accuracy that white noise permits."""
 
 from dataclasses import replace
 
@@ -7,11 +7,11 @@ import numpy as np
 from .records import Drawn
 from .simulator import Array, Plant, free_decay, march, substeps_of
 
-STEP = 1e-3  # of the damping ratio, by which a plant is changed
+STEP = 1e-3  # relative change of the damping ratio for a derivative
 
 
 def bound(drawn: Drawn) -> tuple[float, float]:
-    """Return the least standard deviations of frequency [Hz] and damping ratio.
+    """Return the least possible standard deviations of frequency [Hz] and damping ratio.
 
     The law is taken as known: unknown are omega_n, zeta, and the state at the start of a decay or
     the gain of a driven record. Noise is that of the record and of its converter, white.
@@ -32,9 +32,9 @@ def bound(drawn: Drawn) -> tuple[float, float]:
     motion = _motion(plant, drawn)
     nuisances = [motion[order]]
     if drawn.kind == "decay":
-        # Later and larger: what the first state may be otherwise.
+        # The initial state may be later and larger.
         nuisances.append(np.gradient(motion[order]))
-    # Damping is that at the plant's own frequency, which moves with omega_n.
+    # The damping ratio refers to the plant's own frequency, which changes with omega_n.
     columns = np.stack([slope(omega_n=step), slope(zeta=step), *nuisances])
     scale = size / max(float(np.max(np.abs(motion[order]))), 1e-300)
     information = (columns * scale) @ (columns * scale).T / max(variance, 1e-300)

@@ -22,7 +22,7 @@ def judge_each(
     table: Callable[[Sequence[Row]], str],
     arguments: Sequence[str] | None = None,
 ) -> None:
-    """Judge campaigns of each law, and print the table of the rows.
+    """Judge campaigns of each law one by one, and print the table of results.
 
     Args:
         name: Name of the benchmark's module.

@@ -1,4 +1,4 @@
-"""Whole campaigns: several tests of one structure, and what differs between levels and days.
+"""Whole campaigns: several tests of one structure, which may differ in level, day or torque.
 
 A campaign has one specimen; sessions change its frequency, torque, or the mass of a sensor.
 """
@@ -13,18 +13,18 @@ from .faults import FAULTS, VISIBLE, Fault, spoilt
 from .plants import Rng, log_uniform
 from .records import ANY, KINDS, Choice, Drawn, Specimen, recorded, specimen
 
-LEVELS = (1.0, 3.0, 10.0)  # of three tests, about
+LEVELS = (1.0, 3.0, 10.0)  # approximate ratios of the levels of three tests
 
 
 @dataclass(frozen=True)
 class Member:
-    """A record of a campaign.
+    """One record of a campaign.
 
     Attributes:
         test: Name of its test; records of one test are its repeats.
         drawn: The record.
-        level: Of the test, over the strongest.
-        session: Name of the day, torque or sensor; empty where all are one.
+        level: Level of the test relative to the strongest one.
+        session: Name of the day, torque or sensor; empty if there is only one.
     """
 
     test: str
@@ -38,12 +38,12 @@ class Campaign:
     """Several tests of a specimen.
 
     Attributes:
-        name: What was drawn: decays, sweeps, mixed, days and so on.
+        name: Kind of campaign: decays, sweeps, mixed, sessions and so on.
         specimen: The structure.
         members: Records by test.
         facts: What differs between sessions.
-        fault: Name of what was done; empty of a sound campaign.
-        size: What that amounted to, and to which records.
+        fault: Name of the fault; empty for a sound campaign.
+        size: Size of the fault, and the records that have it.
     """
 
     name: str
@@ -63,7 +63,7 @@ Make = Callable[[Rng, Drawn], Drawn]
 
 
 def _levels(rng: Rng, count: int = 3) -> list[float]:
-    """Draw levels that fall from one by a factor of about three each."""
+    """Draw levels that begin at one and fall by a factor of about three each."""
     steps = np.append(0.0, np.cumsum(rng.uniform(0.8, 1.4, count - 1)))
     return [float(3.0**-step) for step in steps]
 
@@ -71,7 +71,7 @@ def _levels(rng: Rng, count: int = 3) -> list[float]:
 def _tests(
     rng: Rng, one: Specimen, kind: str, levels: list[float], repeats: int, session: str = ""
 ) -> list[Member]:
-    """Draw perfect records of a kind at levels."""
+    """Draw perfect records of one kind at several levels."""
     suffix = f"_{session}" if session else ""
     return [
         Member(f"{kind}_{number + 1}{suffix}", KINDS[kind](rng, one, level), level, session)
@@ -90,7 +90,7 @@ def _of_levels(kind: str, repeats: int) -> Callable[..., Campaign]:
 
 
 def _mixed(rng: Rng, choice: Choice) -> Campaign:
-    """Decays and sweeps, and in half of them noise, of one structure."""
+    """Draw decays and sweeps of one structure, and in half of the cases also noise."""
     one = specimen(rng, "mixed", choice)
     members = _tests(rng, one, "decay", _levels(rng, 2), 2)
     members += _tests(rng, one, "sweep", _levels(rng, 2), 1)
@@ -100,18 +100,18 @@ def _mixed(rng: Rng, choice: Choice) -> Campaign:
 
 
 def _sessions(rng: Rng, choice: Choice) -> Campaign:
-    """Records of one level on days, at torques or with sensors whose frequency differs."""
+    """Draw records of one level on several days, at several torques, or with several sensors."""
     kind = str(rng.choice(["decay", "sweep"]))
     one = specimen(rng, kind, choice)
     count, what = int(rng.integers(3, 6)), str(rng.choice(["day", "torque", "mass"]))
-    if what == "day":  # bolts relax, temperature
+    if what == "day":  # bolts relax, and temperature changes
         falls = bool(rng.random() < 0.5)
         step = log_uniform(rng, 3e-4, 5e-3)
         by = -step * np.arange(count) if falls else step * rng.standard_normal(count)
         changed = [replace(one, hz=one.hz * (1 + float(x))) for x in by]
         named = [f"day{i + 1}" for i in range(count)]
         facts = {"offsets": by.tolist(), "falls": falls}
-    elif what == "torque":  # a slip takes more motion, the joint is stiffer
+    elif what == "torque":  # With more torque, slip needs more motion, and the joint is stiffer.
         torques = np.sort(rng.choice(np.arange(4, 30), count, replace=False))
         share = torques / torques.max()
         changed = [
@@ -120,12 +120,12 @@ def _sessions(rng: Rng, choice: Choice) -> Campaign:
         ]
         named = [f"{torque}Nm" for torque in torques]
         facts = {"torques": torques.tolist()}
-    else:  # a sensor that is heavier on the one test than on the other
+    else:  # sensors of different mass
         share = np.sort(rng.uniform(0, 0.01, count))
         changed = [replace(one, hz=one.hz / np.sqrt(1 + float(s))) for s in share]
         named = [f"sensor{i + 1}" for i in range(count)]
         facts = {"masses": share.tolist()}
-    # The same motion, whatever the torque makes of an amplitude of one.
+    # The motion is the same, whatever displacement corresponds to an amplitude of one at a torque.
     levels = [one.length / each.length * 0.5 for each in changed]
     members = [
         Member(f"{kind}_{name}", KINDS[kind](rng, each, min(level, 1.0)), 1.0, name)
@@ -135,9 +135,9 @@ def _sessions(rng: Rng, choice: Choice) -> Campaign:
 
 
 def stretched(made: Campaign, factor: float) -> Campaign:
-    """Return the same motion of a structure that is so many times as fast.
+    """Return a campaign with the same motion of a structure that is `factor` times as fast.
 
-    A faster one moves less, so that its acceleration remains one that a laboratory meets.
+    A faster structure moves less, so that its acceleration remains realistic.
     """
     size = min(1.0, factor**-2)
 
@@ -147,7 +147,7 @@ def stretched(made: Campaign, factor: float) -> Campaign:
             role: x * size * factor ** powers.get(role, 0) for role, x in drawn.channels.items()
         }
         low, high = drawn.band
-        if drawn.kind == "loop":  # the force of slow cycles has no time
+        if drawn.kind == "loop":  # the force of slow cycles does not depend on time
             scaled = dict(drawn.channels)
         return replace(
             drawn, hz=drawn.hz * factor, fs=drawn.fs * factor, length=drawn.length * size,
@@ -175,7 +175,7 @@ UNITS = {"m for mm": 1e3, "mm for m": 1e-3, "g for m/s^2": 9.80665, "in for mm":
 
 
 def _unit_of_one_file(rng: Rng, drawn: Drawn) -> Drawn:
-    """Write a response in another unit than the campaign says."""
+    """Write a response in a unit other than that stated by the campaign."""
     slips = [s for s in UNITS if ("g " in s) == (drawn.response == "acceleration")]
     slip = str(rng.choice(slips))
     factor = UNITS[slip] ** rng.choice([-1, 1])
@@ -194,7 +194,7 @@ OF_FILES = {
 
 
 def sound_campaign(rng: Rng, name: str, choice: Choice = ANY) -> Campaign:
-    """Draw a sound campaign, again where a motion grows without bound."""
+    """Draw a sound campaign; draw again if a motion grows without bound."""
     while True:
         try:
             made = CAMPAIGNS[name](rng, choice)
@@ -205,7 +205,7 @@ def sound_campaign(rng: Rng, name: str, choice: Choice = ANY) -> Campaign:
 
 
 def mishandled_campaign(rng: Rng, name: str) -> Campaign:
-    """Draw a campaign with a fault in one of its records, or in all of one test."""
+    """Draw a campaign with a fault in one of its records, or in all records of one test."""
     while True:
         try:
             made = CAMPAIGNS[name](rng, VISIBLE)
@@ -225,7 +225,8 @@ def _with_fault(rng: Rng, made: Campaign) -> Campaign:
     clean = [recorded(rng, one.drawn) for one in members]
     if what in FAULTS:
         fault: Fault = FAULTS[what]
-        # A chain's fault spoils every repeat of a test, an accident one record.
+        # A fault of the measuring chain affects every repeat of a test, an accident only one
+        # record.
         alike = fault.before and rng.random() < 0.5
         spoils = [
             one.test == members[at].test if alike else i == at for i, one in enumerate(members)

@@ -1,4 +1,4 @@
-"""Which law does jbw choose where a campaign states none, and does it predict like the right law?
+"""Which law does jbw choose if none is stated, and does it predict as well as the right law?
 
     python -m benchmarks.outside.choices [--campaigns 20] [--seed N] [--law LAW ...] [--out FILE]
 
@@ -25,18 +25,19 @@ from .records import Choice, recorded
 
 NAMES = ("decays", "sweeps", "mixed")
 NUM_DRAWS = 50
-DAMPING = (4e-3, 0.05)  # lighter ones take long records, and minutes
-NOISE = (1e-4, 0.02)  # of louder ones any law predicts as well
-AS_GOOD = 1.1  # times the right law's error: a choice that nobody would regret
+DAMPING = (4e-3, 0.05)  # records with less damping are long and take minutes
+NOISE = (1e-4, 0.02)  # with more noise, any law predicts as well as the right one
+AS_GOOD = 1.1  # largest error of an acceptable choice, relative to the right law's error
 
 
 def drawn(rng: Rng, law: str, name: str) -> tuple[Campaign, Campaign]:
-    """Draw a sound campaign, and one more record of each of its tests."""
+    """Draw a sound campaign, and one additional record of each of its tests."""
     while True:
         try:
             made = CAMPAIGNS[name](rng, Choice(law=law, strong=True, zeta=DAMPING, noise=NOISE))
             seen = [replace(one, drawn=recorded(rng, one.drawn)) for one in made.members]
-            names = list(dict.fromkeys(one.test for one in made.members))  # the strongest first
+            # names in order of level, the strongest first
+            names = list(dict.fromkeys(one.test for one in made.members))
             first = [next(one for one in made.members if one.test == name) for name in names]
             kept = [replace(one, drawn=recorded(rng, one.drawn)) for one in first]
         except FloatingPointError:
@@ -45,9 +46,9 @@ def drawn(rng: Rng, law: str, name: str) -> tuple[Campaign, Campaign]:
 
 
 def judged(rng: Rng, law: str, name: str, folder: Path) -> dict[str, Any]:
-    """Identify a campaign without a law and, where another was chosen, with the right one."""
+    """Identify a campaign without stated law and, if another is chosen, with the right one."""
     made, kept = drawn(rng, law, name)
-    layout = int(rng.integers(2**32))  # of both: how the recorder writes
+    layout = int(rng.integers(2**32))  # seed for the file format of both campaigns
     path = write_campaign(folder / "seen", made, np.random.default_rng(layout), TIMES)
     unseen = write_campaign(folder / "kept", kept, np.random.default_rng(layout), TIMES)
     row = {"law": law, "name": name, "zeta": made.specimen.zeta, "noise": made.specimen.noise}
@@ -64,7 +65,7 @@ def _laws(law: str) -> str:
 
 
 def _identified(path: Path, unseen: Path) -> dict[str, Any]:
-    """Return laws, and errors by kind of test, of a quick answer; or why there is none."""
+    """Return laws and prediction errors of a quick answer, by kind of test; or its error."""
     import jbw
     from jbw.errors import JbwError
 
@@ -75,7 +76,7 @@ def _identified(path: Path, unseen: Path) -> dict[str, Any]:
             study = jbw.identify(jbw.load_campaign(path), quick=True, report=lambda _: None)
             fitted = {row["test"] for row in study.record["tests"] if row["fitted"]}
             laws = json.loads(str(study.tree.attrs["laws"]))
-            errors: dict[str, float] = {}  # by kind, of the strongest test that was fitted
+            errors: dict[str, float] = {}  # error of the strongest fitted test of each kind
             for test in jbw.load_campaign(unseen).tests:
                 if test.name in fitted and test.kind not in errors:
                     errors[test.kind] = float(study.predict(test, NUM_DRAWS).attrs["nrmse"])
@@ -85,13 +86,13 @@ def _identified(path: Path, unseen: Path) -> dict[str, Any]:
 
 
 def error_of(found: dict[str, Any]) -> float:
-    """Return the rms of the errors by kind; infinite of a campaign that was refused."""
+    """Return the rms of the errors of all kinds; infinite for a refused campaign."""
     errors = list(found.get("errors", {}).values())
     return float(np.sqrt(np.mean(np.square(errors)))) if errors else np.inf
 
 
 def verdict(row: dict[str, Any]) -> str:
-    """Say whether a choice is right, as good, worse, or was refused with either law."""
+    """Return whether a choice is right, as good, worse, or was refused with either law."""
     if "right" not in row:
         return "right"
     ours, theirs = error_of(row["chosen"]), error_of(row["right"])
@@ -101,7 +102,7 @@ def verdict(row: dict[str, Any]) -> str:
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return how often each verdict was given, by law, in Markdown."""
+    """Return how often each verdict was given, by law, as a table in Markdown."""
     words = ("right", "as good", "worse", "refused alone", "refused")
     lines = [f"| law | campaigns | {' | '.join(words)} |", "|---" * (2 + len(words)) + "|"]
     for law in dict.fromkeys(row["law"] for row in rows):
@@ -112,7 +113,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw, identify, and print the table."""
+    """Draw and identify campaigns, and print the table."""
     judge_each(
         "choices",
         lambda rng, law, i, folder: judged(rng, law, NAMES[i % len(NAMES)], folder),

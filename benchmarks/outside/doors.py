@@ -1,4 +1,4 @@
-"""What jbw says of a campaign's files: the one place here that knows jbw's functions."""
+"""What jbw reports on a campaign's files; only this module knows jbw's functions."""
 
 import re
 import shutil
@@ -16,7 +16,7 @@ HEAD = re.compile(r"under \[([\w.\[\]]+)\]")
 
 
 class Finding(NamedTuple):
-    """What a check finds of a test; `test` is empty where it is of none."""
+    """A finding of a check; `test` is empty if it belongs to no test."""
 
     severity: str
     test: str
@@ -25,14 +25,14 @@ class Finding(NamedTuple):
 
     @property
     def lines(self) -> list[tuple[str, str]]:
-        """Table and line of everything that the remedy says to paste."""
+        """The lines that the remedy tells the user to paste, each with its table."""
         head = HEAD.search(self.remedy)
         table = head.group(1) if head else "[test]"
         return [(table, line) for line in LINE.findall(self.remedy)]
 
 
 class Row(NamedTuple):
-    """Frequency and damping at an amplitude; standard deviations are NaN where none is said."""
+    """Frequency and damping at an amplitude; standard deviations are NaN if none is stated."""
 
     test: str
     y: float
@@ -42,28 +42,28 @@ class Row(NamedTuple):
     zeta_sd: float
 
 
-CUT = "before their blow"  # in a sentence on records of which the beginning is not read
+CUT = "before their blow"  # part of the sentence on records whose beginning is not evaluated
 
 
 @dataclass
 class Said:
-    """Everything that jbw says of a campaign file."""
+    """Everything that jbw reports on a campaign file."""
 
     findings: list[Finding] = field(default_factory=list)
     statements: list[str] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
     loops: list[dict[str, Any]] = field(default_factory=list)
-    errors: list[str] = field(default_factory=list)  # of doors that did not open
-    seconds: dict[str, float] = field(default_factory=dict)  # of CPU, by door
+    errors: list[str] = field(default_factory=list)  # errors of functions that failed
+    seconds: dict[str, float] = field(default_factory=dict)  # CPU seconds, by function
 
     @property
     def nonlinear(self) -> bool:
-        """Whether it says that the structure is nonlinear."""
+        """Whether jbw reports that the structure is nonlinear."""
         return any(re.search(r"Nonlinear: yes", sentence) for sentence in self.statements)
 
 
 def ask(path: Path) -> Said:
-    """Check a campaign file and look at its records."""
+    """Run `check` and `look` on a campaign file."""
     from jbw.campaign.check import check_campaign
     from jbw.campaign.load import load_campaign
     from jbw.study.look import look
@@ -89,7 +89,7 @@ def ask(path: Path) -> Said:
 
 
 def draft(folder: Path, files: list[Path]) -> tuple[str, list[str], Said]:
-    """Draft a campaign of files as `jbw init` does: its text, what is asked, what a check says."""
+    """Draft a campaign from files as `jbw init` does; return text, open questions, and a check."""
     from jbw.campaign.draft import start_campaign, write_campaign
 
     folder.mkdir()
@@ -112,7 +112,7 @@ def quick(path: Path) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
         The summary, and mean and standard deviation of each parameter that is one number.
 
     Raises:
-        JbwError: What the command would refuse.
+        JbwError: The command would refuse the campaign.
     """
     import jbw
 
@@ -130,7 +130,7 @@ def quick(path: Path) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
 
 
 def paste(text: str, finding: Finding) -> str | None:
-    """Return a campaign file with the lines of a remedy in it; None where there are none."""
+    """Return a campaign file with the lines of a remedy inserted; None if the remedy has none."""
     changed = text
     for table, line in finding.lines:
         blocks = re.split(r"(?m)^(?=\[)", changed)
@@ -149,7 +149,7 @@ def paste(text: str, finding: Finding) -> str | None:
 
 
 def _rows(readings: dict[str, list[Any]]) -> Iterator[Row]:
-    """Yield rows of a look, whose readings are of one amplitude each or columns of several."""
+    """Yield rows from the result of `look`: single amplitudes, or columns of several."""
     for test, of_test in readings.items():
         for one in of_test:
             hz = _column(one, "hz", "frequency_hz")
@@ -170,11 +170,12 @@ def _column(one: Any, *names: str) -> Any:
 
 
 def _through(said: Said, door: str, call: Callable[[], Any]) -> Any:
-    """Call one of jbw's functions; keep its CPU seconds, and what it ended with where it failed."""
+    """Call one of jbw's functions; record its CPU seconds, and its error if it fails."""
     start = time.process_time()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a load: the check has said the same
+            # warnings of loading, which the check has reported already
+            warnings.simplefilter("ignore")
             return call()
     except Exception as error:
         said.errors.append(f"{door}: {type(error).__name__}: {' '.join(str(error).split())}")

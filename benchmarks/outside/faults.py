@@ -1,4 +1,4 @@
-"""What is done to records: each fault with the kinds it happens to, its size, and how it is named.
+"""Faults of records: the kinds of record that can have each, its size, and how jbw should name it.
 
 A fault of the structure or the sensors happens before noise and rounding, one of the recorder after
 them.
@@ -23,13 +23,13 @@ EVERY = (*TIMED, "loop")
 
 @dataclass(frozen=True)
 class Fault:
-    """What is done to a record.
+    """A fault that is put into a record.
 
     Attributes:
-        name: In words.
-        edit: The record with the fault, its `size` stated.
-        kinds: Kinds of record that it happens to.
-        named: Pattern of a sentence that names it; a sentence that names nothing of it is wrong.
+        name: Name in words.
+        edit: Function that returns the record with the fault and its `size`.
+        kinds: Kinds of record that can have it.
+        named: Pattern of sentences that name it; any other sentence is wrong.
         before: Whether it happens before noise and rounding.
         choice: What a record needs for the fault to be visible.
     """
@@ -42,7 +42,7 @@ class Fault:
     choice: Choice
 
 
-# Visible to a careful reader: neither noise nor damping hide what was done.
+# The fault is visible to a careful reader: neither noise nor damping hides it.
 VISIBLE = Choice(zeta=(5e-4, 0.03), noise=(1e-5, 2e-2), bits=10)
 OF_SWEEPS = replace(VISIBLE, zeta=(1e-3, 0.03))
 IN_NOISE = Choice(zeta=(5e-4, 0.03), noise=(1e-3, 2e-2), bits=14)
@@ -52,7 +52,7 @@ FAULTS: dict[str, Fault] = {}
 def _fault(
     kinds: tuple[str, ...], named: str, *, before: bool = False, choice: Choice = VISIBLE
 ) -> Callable[[Edit], Edit]:
-    """Enter a function as a fault by its name."""
+    """Register a function as a fault under its own name."""
 
     def enter(edit: Edit) -> Edit:
         name = edit.__name__.replace("_", " ")
@@ -75,7 +75,7 @@ def _largest(drawn: Drawn) -> float:
 
 
 def _place(rng: Rng, drawn: Drawn, low: float = 0.3, high: float = 1.5) -> int:
-    """Draw a sample where the motion is large: time constants into a decay, else near the peak."""
+    """Draw a sample where the motion is large: early in a decay, else near the peak."""
     count = len(drawn.x)
     if drawn.kind == "decay":
         constant = drawn.per_period / (2 * np.pi * drawn.zeta)
@@ -103,7 +103,7 @@ GAP = r"gap|zero|missing|drop-?out|constant|stands still|no signal|NaN|not finit
 
 @_fault(EVERY, GAP)
 def gap_of_zeros(rng: Rng, drawn: Drawn) -> Drawn:
-    """Write zeros for a while."""
+    """Replace a part of the record by zeros."""
     x, at = drawn.x.copy(), _place(rng, drawn, 0.2)
     period = drawn.facts["per_cycle"] / 10 if drawn.kind == "loop" else drawn.per_period
     count = int(rng.uniform(0.6, 10) * period)
@@ -113,7 +113,7 @@ def gap_of_zeros(rng: Rng, drawn: Drawn) -> Drawn:
 
 @_fault(EVERY, GAP)
 def gap_of_nan(rng: Rng, drawn: Drawn) -> Drawn:
-    """Write NaN for a while."""
+    """Replace a part of the record by NaN."""
     x, at = drawn.x.copy(), _place(rng, drawn, 0.2)
     count = int(rng.uniform(1, 50))
     x[at : at + count] = np.nan
@@ -122,14 +122,14 @@ def gap_of_nan(rng: Rng, drawn: Drawn) -> Drawn:
 
 @_fault(EVERY, r"clip|overload|range|saturat|flat")
 def clipped(rng: Rng, drawn: Drawn) -> Drawn:
-    """Cut off what exceeds 40 to 80 % of the largest value."""
+    """Clip the record at 40 to 80 % of its largest value."""
     top = rng.uniform(0.4, 0.8) * _largest(drawn)
     return _said(drawn, np.clip(drawn.x, -top, top), f"at {top / _largest(drawn):.0%}")
 
 
 @_fault(("decay", "sweep", "noise"), r"drop-?out|spike|outlier|impuls|glitch|toward zero|gap")
 def laser_drop_outs(rng: Rng, drawn: Drawn) -> Drawn:
-    """Let a laser lose its light for a few samples, many times."""
+    """Make a laser lose its signal for a few samples, many times."""
     x, count = drawn.x.copy(), int(rng.uniform(15, 60))
     for at in rng.integers(0, len(x) - 8, count):
         x[at : at + int(rng.integers(2, 6))] *= rng.uniform(0, 0.2)
@@ -145,7 +145,7 @@ LOST = (
 
 @_fault(("decay",), LOST)
 def lost_samples(rng: Rng, drawn: Drawn) -> Drawn:
-    """Leave out a part of a period."""
+    """Remove samples over a part of a period."""
     at, count = _place(rng, drawn, 0.4), max(int(rng.uniform(0.1, 0.4) * drawn.per_period), 2)
     x = np.delete(drawn.x, slice(at, at + count))
     return _said(drawn, x, f"{count} samples at {at}: {count / drawn.per_period:.2f} periods")
@@ -153,7 +153,7 @@ def lost_samples(rng: Rng, drawn: Drawn) -> Drawn:
 
 @_fault(("sweep", "noise"), LOST + r"|delay|clock|late|lag", choice=OF_SWEEPS)
 def lost_block(rng: Rng, drawn: Drawn) -> Drawn:
-    """Leave out samples of the response alone, that are no whole number of periods."""
+    """Remove samples of the response alone, not a whole number of periods."""
     periods = rng.integers(0, 3) + rng.uniform(0.15, 0.85)
     at, count = _place(rng, drawn), max(int(periods * drawn.per_period), 2)
     x = np.delete(drawn.x, slice(at, at + count))
@@ -166,14 +166,14 @@ def lost_block(rng: Rng, drawn: Drawn) -> Drawn:
     choice=OF_SWEEPS,
 )
 def delay(rng: Rng, drawn: Drawn) -> Drawn:
-    """Start the response later than the drive."""
+    """Delay the response relative to the drive."""
     count = max(int(rng.uniform(0.08, 0.4) * drawn.per_period), 1)
     return _said(drawn, drawn.x[count:], f"{count} samples: {count / drawn.per_period:.2f} periods")
 
 
 @_fault(("sweep", "noise"), r"clock|drift apart|run apart|ppm", choice=OF_SWEEPS)
 def clock_error(rng: Rng, drawn: Drawn) -> Drawn:
-    """Let the clocks run apart by 0.3 to 1 period in the record."""
+    """Make the two clocks differ by 0.3 to 1 period over the record."""
     n, periods = np.arange(len(drawn.x)), rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 1.0)
     rate = periods * drawn.per_period / len(n)
     at = n * (1 + rate)
@@ -186,7 +186,7 @@ def clock_error(rng: Rng, drawn: Drawn) -> Drawn:
     r"independent values|ends? (early|before)|short|stops|not (passed|reached)|outside",
 )
 def early_stop(rng: Rng, drawn: Drawn) -> Drawn:
-    """End the record before what it was made for: the decay, the resonance."""
+    """End the record too early: before the end of the decay, or before the resonance."""
     count = len(drawn.x)
     if drawn.kind == "decay":
         stop = max(int(rng.uniform(0.05, 0.2) * drawn.per_period / (2 * np.pi * drawn.zeta)), 20)
@@ -201,7 +201,7 @@ def early_stop(rng: Rng, drawn: Drawn) -> Drawn:
     ("decay",), r"second (hit|blow|impact)|struck|hit again|lost|double|rebound|rises", before=True
 )
 def second_blow(rng: Rng, drawn: Drawn) -> Drawn:
-    """Let the hammer fall again."""
+    """Add a second blow of the hammer."""
     x, at = drawn.x.copy(), _place(rng, drawn, 0.5, 2)
     share = rng.choice([-1.0, 1.0]) * rng.uniform(0.3, 1)
     x[at:] += share * drawn.x[: len(x) - at]
@@ -210,7 +210,7 @@ def second_blow(rng: Rng, drawn: Drawn) -> Drawn:
 
 @_fault(("decay",), r"before|pre-?trigger|begin|quiet|settle|starts", before=True)
 def quiet_before_the_blow(rng: Rng, drawn: Drawn) -> Drawn:
-    """Record for a while before the blow."""
+    """Add quiet samples before the blow."""
     count = int(rng.uniform(0.5, 3) * drawn.per_period / (2 * np.pi * drawn.zeta))
     x = np.concatenate([np.zeros(count), drawn.x])
     return _said(drawn, x, f"{count} samples")
@@ -218,7 +218,7 @@ def quiet_before_the_blow(rng: Rng, drawn: Drawn) -> Drawn:
 
 @_fault(("decay",), r"driven|does not fall|steady|shaker|settle|tone", before=True)
 def still_driven(rng: Rng, drawn: Drawn) -> Drawn:
-    """Record a steady motion before the shaker is switched off."""
+    """Add steady motion before the shaker is switched off."""
     count = int(rng.uniform(1, 4) * drawn.per_period / (2 * np.pi * drawn.zeta))
     t = np.arange(-count, 0) / drawn.per_period * rng.uniform(0.985, 1.015)
     tone = _largest(drawn) * np.cos(2 * np.pi * t + rng.uniform(0, 6))
@@ -227,7 +227,7 @@ def still_driven(rng: Rng, drawn: Drawn) -> Drawn:
 
 @_fault(TIMED, r"line|hum|mains|tone|does not decay|steady", before=True)
 def steady_line(rng: Rng, drawn: Drawn) -> Drawn:
-    """Add a line in the band, of 2 to 10 % of the largest value."""
+    """Add a steady sine in the band, with 2 to 10 % of the largest value."""
     hz = rng.uniform(0.8, 1.2) * drawn.hz if drawn.kind == "decay" else rng.uniform(*drawn.band)
     share = rng.uniform(0.02, 0.1)
     line = share * _largest(drawn) * np.sin(2 * np.pi * hz * _time(drawn) + rng.uniform(0, 6))
@@ -236,7 +236,7 @@ def steady_line(rng: Rng, drawn: Drawn) -> Drawn:
 
 @_fault(("decay",), r"window", choice=IN_NOISE)
 def exponential_window(rng: Rng, drawn: Drawn) -> Drawn:
-    """Multiply by an analyser's window."""
+    """Multiply the record by an analyser's exponential window."""
     tau = rng.uniform(0.4, 1.5) * len(drawn.x) / drawn.fs / 3
     x = drawn.x * np.exp(-_time(drawn) / tau)
     return _said(drawn, x, f"time constant {tau:.4g} s")
@@ -249,7 +249,7 @@ def exponential_window(rng: Rng, drawn: Drawn) -> Drawn:
     choice=OF_SWEEPS,
 )
 def close_second_mode(rng: Rng, drawn: Drawn) -> Drawn:
-    """Add a linear mode some damping ratios away."""
+    """Add a linear mode at a distance of some damping ratios."""
     off = rng.choice([-1.0, 1.0]) * rng.uniform(4, 12) * drawn.zeta
     zeta = drawn.zeta * rng.uniform(0.6, 1.6)
     share = rng.uniform(0.3, 1.0)
@@ -264,18 +264,18 @@ def close_second_mode(rng: Rng, drawn: Drawn) -> Drawn:
 
 
 def _response(plant: Plant, drawn: Drawn) -> Array:
-    """Return the response of a mode to a record's force, in any unit."""
+    """Return a mode's response to the force of a record, in an arbitrary unit."""
     sub = substeps_of(drawn.per_period)
     u = drawn.channels["force"]
     n = np.arange(len(u))
-    # Straight lines between samples: a linear mode beside the first needs no more.
+    # The force is linear between samples, which is accurate enough for an additional linear mode.
     fine = np.interp(np.arange(2 * sub * (len(u) - 1) + 1) / (2 * sub), n, u)
     return march(plant, fine, drawn.per_period / (2 * np.pi), sub)[drawn.order]
 
 
 @_fault(("sweep", "noise", "multisine", "loop"), r"sign|polarity|turned|opposite|-1|energy")
 def polarity(rng: Rng, drawn: Drawn) -> Drawn:
-    """Turn the cable of the response."""
+    """Reverse the sign of the response, as by a reversed cable."""
     return _said(drawn, -drawn.x, "sign changed")
 
 
@@ -295,7 +295,7 @@ def offset_and_drift(rng: Rng, drawn: Drawn) -> Drawn:
     choice=replace(OF_SWEEPS, zeta=(1e-3, 1e-2)),
 )
 def force_drop_off(rng: Rng, drawn: Drawn) -> Drawn:
-    """Drive through a shaker whose force vanishes in its own noise at resonance."""
+    """Drive by a shaker whose force falls to its noise at resonance."""
     mu = rng.uniform(0.3, 1.0)
     shaker = replace(
         drawn.plant, armature_mass=mu, armature_stiffness=mu * rng.uniform(0.2, 0.8),
@@ -305,7 +305,7 @@ def force_drop_off(rng: Rng, drawn: Drawn) -> Drawn:
     scale = drawn.mass * drawn.length * (2 * np.pi * drawn.hz) ** 2
     u = drawn.channels["force"] / scale / (2 * drawn.zeta)
     fine = np.interp(np.arange(2 * sub * (len(u) - 1) + 1) / (2 * sub), n, u)
-    # The same motion needs about the damping and inertia of both.
+    # The same motion needs a force for the damping and inertia of structure and armature.
     fine *= 2 * drawn.zeta + shaker.armature_damping
     y, v, a, *_ = march(shaker, fine, drawn.per_period / (2 * np.pi), sub)
     drive = fine[:: 2 * sub]
@@ -326,12 +326,12 @@ def force_drop_off(rng: Rng, drawn: Drawn) -> Drawn:
     ("sweep", "noise"), r"base|support|absolute|foundation|table", before=True, choice=OF_SWEEPS
 )
 def base_motion(rng: Rng, drawn: Drawn) -> Drawn:
-    """State a table's acceleration as force, and record absolute acceleration."""
+    """State the acceleration of a moving base as force, and record absolute acceleration."""
     w = 2 * np.pi * drawn.hz
     u = drawn.channels["force"] / (drawn.mass * drawn.length * w**2)
-    relative = _of_plant(drawn)  # under -u: odd laws answer with the sign alone
+    relative = _of_plant(drawn)  # Under -u the motion of an odd law only changes its sign.
     x = (u - relative) * drawn.length * w**2
-    # The table's acceleration [m/s^2] is written as if it were newtons.
+    # The base's acceleration [m/s^2] is written as if it were newtons.
     changed = replace(drawn, response="acceleration")
     channels = {"force": u * drawn.length * w**2, "acceleration": x}
     return replace(changed, channels=channels, size="force is the table's acceleration")
@@ -354,7 +354,7 @@ def _of_plant(drawn: Drawn) -> Array:
     choice=OF_SWEEPS,
 )
 def high_pass(rng: Rng, drawn: Drawn) -> Drawn:
-    """Put a charge amplifier's high-pass before the response (of a loop: the force)."""
+    """Apply a charge amplifier's high-pass to the response (for loops: to the force)."""
     if drawn.kind == "loop":
         tau = rng.uniform(0.3, 2.0) * drawn.facts["seconds"]
     else:
@@ -366,7 +366,7 @@ def high_pass(rng: Rng, drawn: Drawn) -> Drawn:
 # -------------------------------------------------------------------------------------------- loops
 @_fault(("loop",), r"slip|jump|step|gauge", before=True)
 def gauge_slip(rng: Rng, drawn: Drawn) -> Drawn:
-    """Let the displacement gauge slip once."""
+    """Make the displacement gauge slip once."""
     y = drawn.channels["displacement"].copy()
     at, share = (
         int(rng.uniform(0.3, 0.9) * len(y)),
@@ -387,7 +387,7 @@ def force_late(rng: Rng, drawn: Drawn) -> Drawn:
 
 @_fault(("loop",), r"drift|offset|zero|close|centre", before=True)
 def load_cell_drift(rng: Rng, drawn: Drawn) -> Drawn:
-    """Let the zero of the load cell drift."""
+    """Add a drift of the load cell's zero."""
     t, share = _time(drawn), rng.uniform(0.03, 0.15)
     offset = rng.uniform(0.0, 0.15)
     x = drawn.x + _largest(drawn) * (offset + share * t / t[-1])
@@ -395,14 +395,14 @@ def load_cell_drift(rng: Rng, drawn: Drawn) -> Drawn:
 
 
 def spoilt(rng: Rng, clean: Drawn, fault: Fault) -> Drawn:
-    """Return a perfect record as its recorder writes it, with a fault."""
+    """Return a perfect record with a fault, as its recorder would write it."""
     drawn = recorded(rng, fault.edit(rng, clean) if fault.before else clean)
     drawn = drawn if fault.before else fault.edit(rng, drawn)
     return replace(drawn, fault=fault.name)
 
 
 def mishandled(rng: Rng, kind: str, name: str, choice: Choice | None = None) -> Drawn:
-    """Draw a record of a kind and do to it what `name` says."""
+    """Draw a record of a kind, with the fault of a given name."""
     fault = FAULTS[name]
     while True:
         try:

@@ -1,4 +1,4 @@
-"""Records and campaigns as files: CSV as recorders write it, a campaign file, and the truth."""
+"""Files of records and campaigns: CSV as recorders write it, a campaign file, and true values."""
 
 import json
 from collections.abc import Sequence
@@ -25,14 +25,14 @@ TRUTH_POINTS, TRUTH_RANGE = 12, 50.0
 
 @dataclass(frozen=True)
 class Layout:
-    """How a recorder writes files.
+    """The format in which a recorder writes its files.
 
     Attributes:
         units: Unit of each role.
         names: Name of each role in the header.
-        time: `decimals` of six digits, `exact`, or `none` where the campaign states the rate.
+        time: `decimals` (six digits), `exact`, or `none` if the campaign states the rate.
         units_in: Where units stand in the header: `brackets`, `parentheses` or `nowhere`.
-        delimiter: Between columns.
+        delimiter: Delimiter between columns.
     """
 
     units: dict[str, str]
@@ -43,7 +43,7 @@ class Layout:
 
 
 def layout(rng: Rng, roles: Sequence[str], times: Sequence[str] = TIMES) -> Layout:
-    """Draw how files are written."""
+    """Draw the format of a recorder's files."""
     units = {role: str(rng.choice(list(UNITS[role]))) for role in roles}
     short = {"displacement": "disp", "velocity": "vel", "acceleration": "acc", "force": "F",
              "restoring_force": "load"}  # fmt: skip
@@ -57,12 +57,13 @@ def layout(rng: Rng, roles: Sequence[str], times: Sequence[str] = TIMES) -> Layo
 
 
 def write_csv(path: Path, drawn: Drawn, how: Layout) -> None:
-    """Write a record."""
+    """Write a record to a CSV file."""
     forms = {"brackets": " [{}]", "parentheses": " ({})", "nowhere": ""}
     columns, heads = [], []
     if how.time != "none":
         t = np.arange(len(drawn.x)) / drawn.fs
-        # Six decimals, or as many as tell samples apart: a recorder that prints fewer is a fault.
+        # Use six decimals, or as many as distinguish samples: fewer would be a fault of the
+        # recorder.
         digits = max(6, int(np.ceil(np.log10(drawn.fs))) + 2)
         form = f".{digits}f" if how.time == "decimals" else ".17g"
         columns.append([format(value, form) for value in t])
@@ -76,7 +77,7 @@ def write_csv(path: Path, drawn: Drawn, how: Layout) -> None:
 
 
 def write_campaign(folder: Path, made: Campaign, rng: Rng, times: Sequence[str] = TIMES) -> Path:
-    """Write records, campaign.toml and truth.json; return the campaign file."""
+    """Write records, campaign.toml and truth.json; return the path of the campaign file."""
     folder.mkdir(parents=True, exist_ok=True)
     roles = dict.fromkeys(role for one in made.members for role in one.drawn.channels)
     how, mass = layout(rng, list(roles), times), made.members[0].drawn.mass
@@ -88,7 +89,7 @@ def write_campaign(folder: Path, made: Campaign, rng: Rng, times: Sequence[str] 
         tables.setdefault(one.test, []).append((files[-1], one))
     driven = any("force" in one.drawn.channels for one in made.members)
     head = ["[campaign]", 'name = "outside"', *([f"modal_mass = {mass:.9g}"] if driven else [])]
-    # Decays of a mode share a band, and so do tests of another kind: the first one's.
+    # Decays of one mode share a band, and so do tests of any other kind: that of the first test.
     bands = {one.drawn.kind: one.drawn.band for one in reversed(made.members)}
     tests = (_test(name, rows, how, bands) for name, rows in tables.items())
     text = "\n".join([*head, *tests]) + "\n"
@@ -135,7 +136,7 @@ def _inline(table: dict[str, str]) -> str:
 
 
 def truth_of_record(one: Member) -> dict[str, Any]:
-    """Return everything that is true of a record, in plain values."""
+    """Return the true values behind a record as plain values."""
     drawn = one.drawn
     plant = {name: value for name, value in asdict(drawn.plant).items() if value}
     facts = {
@@ -147,7 +148,7 @@ def truth_of_record(one: Member) -> dict[str, Any]:
     }  # fmt: skip
     if drawn.kind == "loop":
         top, stiffness = drawn.facts["amplitudes"][-1], drawn.facts["stiffness"]
-        rate = 1 / (drawn.facts["seconds"] * drawn.hz)  # omega of a cycle over omega_n
+        rate = 1 / (drawn.facts["seconds"] * drawn.hz)  # frequency of a cycle over omega_n
         loops = [
             (y, *loop_of(drawn.plant, y / drawn.length, rate)) for y in drawn.facts["amplitudes"]
         ]

@@ -1,4 +1,4 @@
-"""Does jbw accuse sound records, and name what was done to others? With a fresh seed each run.
+"""Does jbw find no fault in sound records, and name the fault in others? Each run has a new seed.
 
 Records of every kind and whole campaigns are drawn from outside jbw, written as files, and given to
 `check` and `look`, campaigns on request to `init` and `identify --quick` as well. Outcomes are
@@ -42,18 +42,21 @@ from .files import TIMES, truth_of_record, write_campaign
 from .outcomes import NEUTRAL, tables
 from .records import ANY, KINDS, Choice, Drawn, sound, specimen
 
-FLOOR = {"decay": (0.003, 0.003), "sweep": (0.01, 0.003)}  # of zeta: frequency, damping
-RIGHT_HZ, RIGHT_ZETA = 0.3, 0.2  # of zeta: errors of a reading that leads nobody astray
-RIGHT_STIFFNESS, RIGHT_LOSS = 0.05, 0.005  # relative, and of critical damping
+# smallest errors that jbw states, relative to zeta: of frequency, and of damping
+FLOOR = {"decay": (0.003, 0.003), "sweep": (0.01, 0.003)}
+# largest harmless errors of frequency and damping, relative to zeta
+RIGHT_HZ, RIGHT_ZETA = 0.3, 0.2
+# largest harmless errors: relative for stiffness, in critical damping for losses
+RIGHT_STIFFNESS, RIGHT_LOSS = 0.05, 0.005
 SURE = 2.5758  # standard deviations to either side of a 99 % interval
 
 
 class Job(NamedTuple):
-    """What is drawn: the record or campaign of a number under a seed."""
+    """A record or campaign to draw, by its number under a seed."""
 
     number: int
-    what: str  # sound, mishandled
-    kind: str  # of a record, or name of a campaign
+    what: str  # "sound" or "mishandled"
+    kind: str  # kind of the record, or name of the campaign
     fault: str
     law: str | None
     is_campaign: bool
@@ -61,7 +64,7 @@ class Job(NamedTuple):
 
 @dataclass(frozen=True)
 class Options:
-    """How jobs are judged."""
+    """The options with which all records and campaigns are judged."""
 
     seed: int
     draft: bool
@@ -72,7 +75,7 @@ class Options:
 
 
 def jobs(chosen: argparse.Namespace) -> list[Job]:
-    """Return everything that is to be drawn; sound ones of a kind go through the chosen laws."""
+    """Return all records and campaigns to draw; sound ones take the chosen laws in turn."""
     laws: Sequence[str | None] = chosen.law or [None]
     kinds = chosen.kind or list(KINDS)
     found = []
@@ -110,13 +113,13 @@ def drawn(job: Job, seed: int) -> Campaign:
     else:
         visible = replace(FAULTS[job.fault].choice, law=job.law)
         record = mishandled(rng, job.kind, job.fault, visible)
-    one = specimen(np.random.default_rng(0), job.kind)  # of the campaign's form alone
+    one = specimen(np.random.default_rng(0), job.kind)  # needed only for the form of a campaign
     one = replace(one, law=record.law, plant=record.plant)
     return Campaign(job.kind, one, (Member("one", record, 1.0),), {}, job.fault, record.size)
 
 
 def outcome(job: Job, options: Options) -> dict[str, Any]:
-    """Draw, write, ask and judge; what went wrong in the benchmark itself is an outcome too."""
+    """Draw, write, check and judge; an error of the benchmark itself is an outcome, too."""
     try:
         made = drawn(job, options.seed)
         with tempfile.TemporaryDirectory() as temporary:
@@ -145,8 +148,8 @@ def _judged(job: Job, options: Options, made: Campaign, folder: Path) -> dict[st
         "accused": bool(accusing or said.errors), "nonlinear": said.nonlinear,
         "read": bool(said.rows or said.loops),
     }  # fmt: skip
-    # What is only said of a short record names an early end, what could not be read may, and what
-    # was cut before a blow is told.
+    # A remark on a short record names an early end, a remark on an unreadable record may name any
+    # fault, and a remark on a cut before the blow names that.
     texts = [f"{one.what} {one.remedy}" for one in said.findings] + said.errors
     texts += [
         sentence
@@ -160,7 +163,7 @@ def _judged(job: Job, options: Options, made: Campaign, folder: Path) -> dict[st
     if options.stretch:
         factor = float(np.exp(rng.uniform(np.log(0.02), np.log(100))))
         again = folder.with_name(f"{folder.name}-stretched")
-        rng = np.random.default_rng([options.seed, job.number, 1])  # the same layout
+        rng = np.random.default_rng([options.seed, job.number, 1])  # the same file format as before
         other = ask(write_campaign(again, stretched(made, factor), rng, options.times))
         row["stretched"] = {"factor": factor, "same": _in_words(said) == _in_words(other),
                             "findings": [one._asdict() for one in other.findings]}  # fmt: skip
@@ -174,7 +177,7 @@ def _judged(job: Job, options: Options, made: Campaign, folder: Path) -> dict[st
 
 
 def _in_words(said: Said) -> list[str]:
-    """Return what is said without its numbers, in an order that does not depend on them."""
+    """Return the texts of a report without numbers, sorted independently of them."""
     said_of = [*(one.what for one in said.findings), *said.statements, *said.errors]
     return sorted(
         re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?( [munk]?(m|s|Hz)\b)?", "#", x) for x in said_of
@@ -182,14 +185,14 @@ def _in_words(said: Said) -> list[str]:
 
 
 def _pattern(made: Campaign) -> re.Pattern[str]:
-    """Return how the fault is named; nothing matches where there is none."""
+    """Return the pattern of sentences that name a fault; without a fault it never matches."""
     if made.fault in OF_FILES:
         return re.compile(OF_FILES[made.fault], re.I)
     return FAULTS[made.fault].named if made.fault else re.compile(r"(?!)")
 
 
 def _errors(made: Campaign, said: Said) -> dict[str, Any]:
-    """Return errors of the rows that were read, intervals and bounds."""
+    """Return errors of frequency and damping, and whether intervals contain the truth."""
     by_test = {one.test: one.drawn for one in reversed(made.members)}
     if said.loops:
         return _of_loops(made, said)
@@ -211,7 +214,7 @@ def _errors(made: Campaign, said: Said) -> dict[str, Any]:
 
 
 def _widths(by_test: dict[str, Drawn], said: Said) -> dict[str, list[float]]:
-    """Return standard deviations at the largest amplitude over the bound plus the stated floor."""
+    """Return stated standard deviations at the largest amplitude over the least possible ones."""
     of_hz, of_zeta = [], []
     for test, drawn in by_test.items():
         rows = [row for row in said.rows if row.test == test and np.isfinite(row.hz_sd)]
@@ -225,7 +228,7 @@ def _widths(by_test: dict[str, Drawn], said: Said) -> dict[str, list[float]]:
 
 
 def _of_loops(made: Campaign, said: Said) -> dict[str, list[float]]:
-    """Return errors of secant stiffness (relative) and equivalent damping at the largest cycles."""
+    """Return errors of secant stiffness (relative) and equivalent damping of largest cycles."""
     truth = {one.test: truth_of_record(one)["loops"][-1] for one in made.members}
     stiffness, damping = [], []
     for loop in said.loops:
@@ -240,7 +243,7 @@ def _of_loops(made: Campaign, said: Said) -> dict[str, list[float]]:
 
 
 def _is_right(found: dict[str, Any]) -> bool:
-    """Whether what was read leads nobody astray: most of its rows are near the truth."""
+    """Return whether the results are harmless: most of their rows are near the truth."""
     if "stiffness_error" in found:
         worst = [
             np.max(np.abs(found[key]), initial=0.0) for key in ("stiffness_error", "loss_error")
@@ -257,7 +260,7 @@ def _is_right(found: dict[str, Any]) -> bool:
 def _remedies(
     made: Campaign, said: Said, accusing: Sequence[Finding], path: Path
 ) -> dict[str, Any]:
-    """Paste every line that is printed, each by itself, and ask again."""
+    """Paste each line of the printed remedies separately, and check again."""
     text, found = path.read_text(), []
     for one in accusing:
         changed = paste(text, one)
@@ -274,7 +277,7 @@ def _remedies(
 
 
 def _quick(made: Campaign, path: Path) -> dict[str, Any]:
-    """Identify a campaign by its fit: errors by group, parameters, and how far omega_n is off."""
+    """Identify a campaign by a quick fit: errors by group, parameters, and error of omega_n."""
     try:
         summary, numbers = quick(path)
     except Exception as error:
@@ -290,7 +293,7 @@ def _quick(made: Campaign, path: Path) -> dict[str, Any]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the command line."""
+    """Return the command-line parser."""
     lines = (__doc__ or "").splitlines()
     made = argparse.ArgumentParser(prog="python -m benchmarks.outside", description=lines[0])
     made.add_argument("--sound", type=int, default=20, help="sound records of a kind")
@@ -314,7 +317,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw, ask, judge, and print the tables."""
+    """Draw, check and judge records, and print the tables."""
     chosen = parser().parse_args(arguments)
     seed = secrets.randbits(48) if chosen.seed is None else chosen.seed
     print(f"Seed {seed}: add `--seed {seed}` to repeat.\n", flush=True)

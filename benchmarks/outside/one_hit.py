@@ -1,4 +1,4 @@
-"""Does one hit tell what a shaker test at the same amplitude will show?
+"""Does one hammer blow predict what a shaker test at the same amplitude shows?
 
     python -m benchmarks.outside.one_hit [--campaigns 20] [--seed N] [--law LAW ...] [--out FILE]
 
@@ -31,18 +31,20 @@ from .plants import Rng, kappa
 from .records import Choice, Drawn, Specimen, decay, recorded, specimen
 from .simulator import STEPS_A_PERIOD, Plant, march
 
-SHARES = (0.8, 0.4, 0.2)  # of the hit's largest displacement
+SHARES = (0.8, 0.4, 0.2)  # amplitudes relative to the blow's largest displacement
 DAMPING = (2e-3, 0.03)
 NOISE = (1e-4, 0.01)
-NEAR_HEIGHT, NEAR_HZ = 0.05, 5e-4  # relative: as near as the shaker test of another day
-TIME_CONSTANTS = 14  # until the motion is steady to 1e-6
-# Relative errors of the plant itself: its steps, and its sliders in place of a continuous law.
+# relative errors that are as small as between shaker tests of two days
+NEAR_HEIGHT, NEAR_HZ = 0.05, 5e-4
+TIME_CONSTANTS = 14  # time until the motion is steady to 1e-6, in time constants
+# Relative errors of the simulated plant: from its steps, and from sliders in place of a continuous
+# law.
 FLOORS = {"frequency": 2e-5, "displacement": 1e-3}
 QUANTITIES = tuple(FLOORS)
 
 
 def hit(rng: Rng, law: str) -> tuple[Specimen, Drawn]:
-    """Draw a structure with a strong law, and its decay."""
+    """Draw a structure with a strong law, and its decay after a blow."""
     while True:
         try:
             one = specimen(rng, "decay", Choice(law=law, strong=True, zeta=DAMPING, noise=NOISE))
@@ -52,7 +54,7 @@ def hit(rng: Rng, law: str) -> tuple[Specimen, Drawn]:
 
 
 def true_resonance(plant: Plant, y: float) -> tuple[float, float, float]:
-    """Return force, frequency and height of the resonance whose first harmonic is about y.
+    """Return force, frequency and height of the resonance at a first harmonic of about y.
 
     The force is that of one harmonic; frequency and height are simulated under it.
     """
@@ -76,7 +78,7 @@ def true_resonance(plant: Plant, y: float) -> tuple[float, float, float]:
 
 
 def steady_height(plant: Plant, force: float, w: float, y: float) -> float:
-    """Return the displacement's first harmonic under a sine, simulated until it is steady."""
+    """Return the first harmonic of the displacement under a sine, simulated until it is steady."""
     periods = int(TIME_CONSTANTS / (2 * np.pi * plant.zeta)) + 3
     count, fs = periods * STEPS_A_PERIOD + 1, STEPS_A_PERIOD * w / (2 * np.pi)
     half_steps = force * np.cos(np.pi / STEPS_A_PERIOD * np.arange(2 * count - 1))
@@ -86,7 +88,7 @@ def steady_height(plant: Plant, force: float, w: float, y: float) -> float:
 
 
 def judged(rng: Rng, law: str, folder: Path) -> dict[str, Any]:
-    """Identify one hit, and compare resonances under forces."""
+    """Identify a structure from one blow, and compare its resonances under forces."""
     one, drawn = hit(rng, law)
     made = Campaign("one hit", one, (Member("hit", drawn, 1.0),), {})
     path = write_campaign(folder, made, rng, TIMES)
@@ -105,7 +107,7 @@ def judged(rng: Rng, law: str, folder: Path) -> dict[str, Any]:
 
 
 def _answer(path: Path, levels: list[float]) -> dict[str, Any]:
-    """Return the quick answer's law and resonances with intervals, or why there is none."""
+    """Return the law of a quick fit and its resonances with intervals, or why there is none."""
     import jbw
     from jbw.errors import JbwError
 
@@ -128,13 +130,13 @@ def _answer(path: Path, levels: list[float]) -> dict[str, Any]:
 
 
 def is_near(row: dict[str, Any], level: int) -> bool:
-    """Return whether the medians at a level are near the truth, in frequency and height."""
+    """Return whether the medians of frequency and height at a level are near the truth."""
     errors = [row[name][1][level] / row["true"][name][level] - 1 for name in QUANTITIES]
     return abs(errors[0]) < NEAR_HZ and abs(errors[1]) < NEAR_HEIGHT
 
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
-    """Return near, contained and width by law and quantity, in Markdown."""
+    """Return accuracy, coverage and width of intervals, by law and quantity, in Markdown."""
     heads = ("law", "hits", "refused", "near at 80 %", "near at all")
     heads += tuple(f"{name} {what}" for name in QUANTITIES for what in ("inside", "width"))
     lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
@@ -145,7 +147,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         cells += [sum(is_near(row, 0) for row in told)]
         cells += [sum(all(is_near(row, i) for i in range(len(SHARES))) for row in told)]
         for name in QUANTITIES:
-            values = np.array([row[name] for row in told], float)  # row, quantile, level
+            values = np.array([row[name] for row in told], float)  # axes: row, quantile, level
             truth = np.array([row["true"][name] for row in told])
             low, middle, high = np.moveaxis(values, 1, 0) if len(told) else (truth,) * 3
             known = np.isfinite(low)
@@ -161,7 +163,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Draw, identify, and print the table."""
+    """Draw and identify structures, and print the table."""
     judge_each("one_hit", lambda rng, law, _, folder: judged(rng, law, folder), table, arguments)
 
 

@@ -1,4 +1,4 @@
-"""What the outcomes of a run come to: tables of sound records, mishandled ones, drafts and fits."""
+"""The outcomes of a run as tables: sound records, records with faults, drafts and fits."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
-# Findings that accuse nobody: that a record is short, coarse, or long for what it shows.
+# Findings that name no fault: a record is short, coarse, or longer than needed.
 NEUTRAL = re.compile(
     r"independent values|too short|hardly more than a record|coarse|changes nothing|"
     r"distinct values|were both recorded",
     re.I,
 )
-# Faults that a reading of frequency and damping does not show.
+# faults that do not change frequency and damping
 UNREAD = ("polarity", "base motion", "unit of one file", "polarity of one file", "file twice")
 
 
@@ -123,9 +123,10 @@ def _spoilt_rows(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
 
 
 def _astray(row: dict[str, Any]) -> bool:
-    """Whether a mishandled record gives a wrong answer without a word.
+    """Return whether a record with a fault gives a wrong answer without any warning.
 
-    Some faults leave frequency and damping as they are, and spoil what a joint is fitted to.
+    Some faults leave frequency and damping as they are, but distort the data to which a joint is
+    fitted.
     """
     silent = not (row["accused"] or row["named"])
     return silent and row["read"] and (row["fault"] in UNREAD or not row["right"])

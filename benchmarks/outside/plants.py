@@ -1,4 +1,4 @@
-"""Plants of one radian a second whose law matters at an amplitude of one, and their truth."""
+"""Plants of 1 rad/s whose law matters at an amplitude of one, with their true values."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,19 +11,19 @@ from numpy.polynomial import polynomial as P
 from .simulator import Array, Plant, force_along, free_decay, substeps_of
 
 Rng = np.random.Generator
-MOST_STIFFNESS = 0.3  # of omega_n^2 that a joint carries
+MOST_STIFFNESS = 0.3  # largest stiffness of a joint, relative to omega_n^2
 NUM_SLIDERS = 240
-STEADY_RANGE, STEADY_POINTS = 100.0, 40  # of amplitudes of steady loops
-PER_PERIOD = 64.0  # samples of a free decay that the truth is read from
+STEADY_RANGE, STEADY_POINTS = 100.0, 40  # range and number of amplitudes of steady loops
+PER_PERIOD = 64.0  # samples per period of the free decay from which the truth is computed
 
 
 def log_uniform(rng: Rng, low: float, high: float) -> float:
-    """Draw a number whose logarithm is uniform."""
+    """Draw a number whose logarithm is uniformly distributed."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def masing(density: Callable[[Array], Array], top: float, lump: float = 0.0) -> Plant:
-    """Return parallel sliders of a density of slip displacements, with a stiffness of one.
+    """Return parallel sliders with a density of slip displacements, of total stiffness one.
 
     Args:
         density: Stiffness per slip displacement.
@@ -123,7 +123,7 @@ LAWS: dict[str, Callable[[Rng], Plant]] = {
     "quadratic_damping": lambda rng: Plant(quadratic_damping=1.0),
     "cubic_damping": lambda rng: Plant(cubic_damping=1.0),
 }
-# What most records are drawn of; the others come now and then.
+# laws of most records; other laws are drawn occasionally
 COMMON = ("linear", "bouc_wen", "iwan4", "cubic", "quadratic_damping", "masing_power")
 OF_FORCE = (
     "alpha", "gap_alpha", "quadratic", "square", "cubic", "quintic", "stop", "quadratic_damping",
@@ -132,7 +132,7 @@ OF_FORCE = (
 
 
 def times(plant: Plant, factor: float) -> Plant:
-    """Return the plant with the force of its joint multiplied."""
+    """Return the plant with the force of its joint multiplied by a factor."""
     scaled = {name: factor * getattr(plant, name) for name in OF_FORCE}
     for name in ("delta", "gamma"):
         scaled[name] = getattr(plant, name) * factor ** (1 - plant.nu)
@@ -142,19 +142,20 @@ def times(plant: Plant, factor: float) -> Plant:
 
 
 def stuck(plant: Plant) -> float:
-    """Return the stiffness of the joint where it is fully stuck, a gap's element left out."""
+    """Return the stiffness of the fully stuck joint, without that of an element behind a gap."""
     return plant.alpha + plant.valanis_0 + plant.sigma_0 + sum(plant.springs)
 
 
 def kappa(plant: Plant, amplitude: float, per_period: int = 2048) -> complex:
-    """Return the equivalent stiffness of everything but viscous damping, at one rad/s.
+    """Return the equivalent stiffness at 1 rad/s, without viscous damping.
 
     With y = Y cos(t) and F = Re sum F_n exp(j n t) of the third period, kappa = F_1 / Y; viscous
     damping of the mode is left out.
     """
     bare, periods = replace(plant, zeta=0.0), 3
     t = np.arange(2 * periods * per_period + 1) * np.pi / per_period
-    envelope = np.minimum(1, t / np.pi)  # the joint meets no motion that the loop does not hold
+    # The motion grows within the loop, so that the joint remembers nothing larger.
+    envelope = np.minimum(1, t / np.pi)
     y, v = amplitude * envelope * np.cos(t), np.gradient(amplitude * envelope * np.cos(t), t)
     force = force_along(bare, y, v, per_period / (2 * np.pi), 1)[-per_period - 1 : -1]
     turn = np.exp(-1j * np.arange(per_period) * 2 * np.pi / per_period)
@@ -162,7 +163,7 @@ def kappa(plant: Plant, amplitude: float, per_period: int = 2048) -> complex:
 
 
 def effect(plant: Plant) -> float:
-    """Return the larger change at an amplitude of 1: of frequency (relative) or damping ratio."""
+    """Return the larger change at an amplitude of 1: of frequency (relative) or damping."""
     change = kappa(plant, 1.0) - plant.omega_n**2
     return max(abs(change.real), abs(change.imag)) / 2
 
@@ -179,19 +180,19 @@ def draw_plant(rng: Rng, law: str, zeta: float, *, strong: bool) -> Plant:
     plant = replace(LAWS[law](rng), zeta=zeta)
     if law == "linear":
         return plant
-    # Hysteresis may not exceed what a joint carries, whatever is asked.
+    # The hysteretic part may not exceed the largest stiffness of a joint.
     small = times(plant, 1e-3)
     per_unit = effect(small) / 1e-3
     size = 10 ** (rng.uniform(-0.7, 0.7) if strong else rng.uniform(-2.0, -1.0))
     most = MOST_STIFFNESS / max(stuck(plant) + plant.gap_alpha, abs(plant.stop), 1e-9)
-    wanted = min(size * zeta, 0.1) / max(per_unit, 1e-9)  # a tenth of the frequency at most
+    wanted = min(size * zeta, 0.1) / max(per_unit, 1e-9)  # changes the frequency by a tenth at most
     return times(plant, min(wanted, most))
 
 
 class Truth(NamedTuple):
     """Frequency and damping ratio of a plant against displacement amplitude."""
 
-    amplitude: Array  # rising
+    amplitude: Array  # amplitudes of displacement, ascending
     omega: Array  # damped frequency, in units of omega_n
     sigma: Array  # decay rate
 
@@ -201,7 +202,7 @@ class Truth(NamedTuple):
         Args:
             response: Amplitude of displacement (order 0), velocity (1) or acceleration (2), in
                 units of the plant.
-            order: Of the response.
+            order: Order of the response.
         """
         response = np.asarray(response, float)
         motion = response
@@ -219,7 +220,7 @@ class Truth(NamedTuple):
 
 
 def extrema(y: Array, v: Array, a: Array, step: float) -> tuple[Array, Array]:
-    """Return times and values of a motion's extrema, by quintics through y, v, a at samples."""
+    """Return times and values of a motion's extrema, from quintics through y, v, a of samples."""
     (at,) = np.nonzero(np.sign(v[:-1]) * np.sign(v[1:]) < 0)
     y0, v0, a0 = y[at], step * v[at], step**2 * a[at]
     y1, v1, a1 = y[at + 1], step * v[at + 1], step**2 * a[at + 1]
@@ -243,7 +244,7 @@ def _values(powers: Array, s: Array) -> Array:
 
 @lru_cache(maxsize=64)
 def truth_of(plant: Plant, top: float) -> Truth:
-    """Read frequency and damping off a free decay from above `top`, cycle by cycle."""
+    """Determine frequency and damping from a free decay that begins above `top`, cycle by cycle."""
     if plant == Plant(omega_n=plant.omega_n, zeta=plant.zeta):
         w = plant.omega_n
         one = np.ones(1)
@@ -253,7 +254,8 @@ def truth_of(plant: Plant, top: float) -> Truth:
     count = int(length * PER_PERIOD / (2 * np.pi)) + int(8 * PER_PERIOD)
     motion = free_decay(plant, count, PER_PERIOD, (1.3 * top, 0.0), pulled=True)[:3]
     peaks, y = (values[2:-2] for values in extrema(*motion, 2 * np.pi / PER_PERIOD))
-    # From peak to peak, as sliders leave an offset; by whole periods, as halves of it differ.
+    # Amplitudes are from peak to peak, because sliders leave an offset; rates are over whole
+    # periods, because half periods differ.
     size = np.abs(np.diff(y)) / 2
     middle = (peaks[1:] + peaks[:-1]) / 2
     keep = size > 1e-9 * top
@@ -267,7 +269,7 @@ def truth_of(plant: Plant, top: float) -> Truth:
 
 @lru_cache(maxsize=64)
 def steady_truth(plant: Plant, top: float) -> Truth:
-    """Return frequency and damping by the steady loops of sines, up to above `top`.
+    """Return frequency and damping from steady loops under sines, up to above `top`.
 
     With kappa of `kappa`: omega^2 = Re kappa and sigma = zeta omega_n + Im kappa / (2 omega). A
     Bouc-Wen element closes its loops only in steady motion: its free decay is another one by up to
@@ -282,7 +284,7 @@ def steady_truth(plant: Plant, top: float) -> Truth:
 
 
 def loop_of(plant: Plant, amplitude: float, rate: float = 1e-3) -> tuple[float, float]:
-    """Return secant stiffness and energy per cycle of the steady loop of a slow sine."""
+    """Return secant stiffness and energy per cycle of the steady loop under a slow sine."""
     per_period, periods = 4096, 3
     t = np.arange(2 * periods * per_period + 1) * np.pi / per_period
     y, v = amplitude * np.sin(t), amplitude * rate * np.cos(t)

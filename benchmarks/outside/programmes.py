@@ -1,4 +1,4 @@
-"""Programmes of tests as `panel.py` runs them: sweeps, noise or decays of several levels."""
+"""The test programmes of `panel.py`: sweeps, noise or decays at several levels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from jbw import Record, Test
 
 from .simulator import Array, Plant, march, substeps_of
 
-NOISE_LINES = 400  # of random excitation
+NOISE_LINES = 400  # number of spectral lines of random excitation
 
 
 def bouc_wen(
@@ -23,7 +23,7 @@ def bouc_wen(
 
 
 def sliders(omega_n: float, zeta: float, springs: Sequence[float], slips: Sequence[float]) -> Plant:
-    """Return a mode with Jenkins elements: stiffnesses [1/s^2] and slip displacements [m]."""
+    """Return a mode with Jenkins elements, given by stiffness [1/s^2] and slip displacement [m]."""
     forces = tuple(np.array(springs) * np.array(slips))
     return Plant(omega_n, zeta, springs=tuple(springs), forces=forces)
 
@@ -36,16 +36,16 @@ def _faded(t: Array, burst: float, fade: float) -> Array:
 
 @dataclass(frozen=True)
 class Sweeps:
-    """Sweeps of several levels from rest, faded in and out, and the decay after them."""
+    """Sweeps at several levels from rest, faded in and out, each with its decay."""
 
     levels: tuple[float, ...] = (0.01, 0.03, 0.08)  # peak of the source [V]
-    band_hz: tuple[float, float] = (12.0, 26.0)  # from and to [Hz]
+    band_hz: tuple[float, float] = (12.0, 26.0)  # first and last frequency [Hz]
     burst: float = 6.0  # length of the sweep [s]
     duration: float = 8.0  # length of the record [s]
     kind = "sweep"
 
     def source(self, t: Array) -> Array:
-        """Return the voltage of a level of one volt."""
+        """Return the voltage of the source at a level of one volt."""
         first, last = self.band_hz
         phase = 2 * np.pi * (first * t + (last - first) / self.burst * t**2 / 2)
         return _faded(t, self.burst, 0.3) * np.sin(phase)
@@ -53,22 +53,22 @@ class Sweeps:
 
 @dataclass(frozen=True)
 class Noise:
-    """Random excitation, by a sum of lines between two frequencies."""
+    """Random excitation as a sum of spectral lines between two frequencies."""
 
     levels: tuple[float, ...] = (0.01,)  # rms of the source [V]
-    band_hz: tuple[float, float] = (14.0, 24.0)  # [Hz]
+    band_hz: tuple[float, float] = (14.0, 24.0)  # band of the lines [Hz]
     duration: float = 64.0  # length of the record [s]
     kind = "noise"
 
     def source(self, t: Array) -> Array:
-        """Return the voltage of a level of one volt."""
+        """Return the voltage of the source at a level of one volt."""
         lines = zip(*_lines(*self.band_hz), strict=True)
         return np.sqrt(2 / NOISE_LINES) * sum(np.sin(omega * t + phase) for omega, phase in lines)
 
 
 @cache
 def _lines(first: float, last: float) -> tuple[Array, Array]:
-    """Return frequencies [rad/s] and phases of the lines of random excitation."""
+    """Return frequencies [rad/s] and phases of the spectral lines of random excitation."""
     rng = np.random.default_rng(7)
     omega = 2 * np.pi * (first + (last - first) * rng.random(NOISE_LINES))
     return omega, 2 * np.pi * rng.random(NOISE_LINES)
@@ -76,16 +76,16 @@ def _lines(first: float, last: float) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Decays:
-    """Free decays, recorded from the end of a burst at one frequency."""
+    """Free decays, recorded from the end of a burst of sine on."""
 
     levels: tuple[float, ...] = (0.003, 0.02)  # peak of the source during the burst [V]
-    tone_hz: float = 18.7  # of the burst [Hz]
-    burst: float = 3.0  # its length, before the record [s]
+    tone_hz: float = 18.7  # frequency of the burst [Hz]
+    burst: float = 3.0  # length of the burst, before the record [s]
     duration: float = 6.0  # length of the record [s]
     kind = "decay"
 
     def source(self, t: Array) -> Array:
-        """Return the voltage of a level of one volt, from the start of the burst."""
+        """Return the voltage of the source at a level of one volt, from the start of the burst."""
         return _faded(t, self.burst, 0.1) * np.sin(2 * np.pi * self.tone_hz * t)
 
 
@@ -103,7 +103,7 @@ def taken(
     seed: int,
     delay: float = 0.0,
 ) -> list[Test]:
-    """Return tests of every level, with white noise on the velocity of each repeat.
+    """Return tests at every level, with white noise on the velocity of each repeat.
 
     Args:
         plant: The mode and its joint, in SI.

@@ -1,6 +1,6 @@
-"""Sound records of every kind, drawn at random; channels are in SI.
+"""Sound records of every kind, drawn at random, with channels in SI.
 
-A `Drawn` first holds what a perfect recorder would write; `recorded` adds noise and quantises.
+A `Drawn` first contains what a perfect recorder would write; `recorded` adds noise and rounding.
 """
 
 from collections.abc import Callable, Mapping
@@ -14,11 +14,11 @@ from .plants import COMMON, LAWS, Rng, Truth, draw_plant, log_uniform, steady_tr
 from .simulator import Array, Plant, force_along, free_decay, march, substeps_of
 
 RESPONSES = ("displacement", "velocity", "acceleration")
-HZ = (0.2, 2e4)  # natural frequencies, before a usual rate is chosen
-SAMPLES = 60_000  # of a record, at most
-PERIODS = (5, 5000)  # of a decay
-SEEN = 3.0  # amplitude over noise that at least three periods of a decay have
-# Recorders' rates [Hz]; half of all records have one of them, the others any.
+HZ = (0.2, 2e4)  # range of natural frequencies [Hz], before a usual sampling rate is chosen
+SAMPLES = 60_000  # largest number of samples of a record
+PERIODS = (5, 5000)  # range of the number of periods of a decay
+SEEN = 3.0  # smallest ratio of amplitude to noise over the first three periods of a decay
+# Sampling rates of recorders [Hz]; half of all records have one of these, the others any rate.
 RATES = (
     *(51200 / n for n in (1, 2, 3, 5, 7, 11, 13, 14, 25, 31)), 102400.0, 2441.40625, 12207.03125,
     4882.8125, 1000.0, 1024.0, 2048.0, 8192.0, 44100.0, 48000.0, 500.0, 100.0, 50.0, 128.0,
@@ -28,23 +28,23 @@ RATES = (
 
 @dataclass(frozen=True)
 class Drawn:
-    """A record, and everything that was drawn for it.
+    """A record, with everything that was drawn for it.
 
     Attributes:
         kind: decay, sweep, multisine, noise or loop.
         law: Name in `plants.LAWS`.
-        plant: In units of 1 rad/s and of `length`.
+        plant: Oscillator in units of 1 rad/s and of `length`.
         hz: Natural frequency, fully stuck [Hz].
         length: Displacement that is an amplitude of one in the plant [m].
         mass: Modal mass [kg].
-        per_period: Samples a natural period.
-        channels: By role, in SI.
+        per_period: Samples per natural period.
+        channels: Channels by role, in SI.
         band: Lowest and highest frequency of interest [Hz].
         top: Largest displacement amplitude, in units of the plant.
-        noise: Standard deviation over the largest response.
-        facts: Whatever else was drawn.
-        fault: Name of what was done to the record; empty of a sound one.
-        size: What that amounted to, in words.
+        noise: Standard deviation of the noise over the largest response.
+        facts: Everything else that was drawn.
+        fault: Name of the fault; empty for a sound record.
+        size: Size of the fault, in words.
     """
 
     kind: str
@@ -68,7 +68,7 @@ class Drawn:
 
     @property
     def order(self) -> int:
-        """0 of displacement, 1 of velocity, 2 of acceleration."""
+        """The order of the response: 0 for displacement, 1 for velocity, 2 for acceleration."""
         return RESPONSES.index(self.response)
 
     @property
@@ -78,49 +78,50 @@ class Drawn:
 
     @property
     def x(self) -> Array:
-        """The response, or of a loop the restoring force."""
+        """The response, or for a loop the restoring force."""
         return self.channels["restoring_force" if self.kind == "loop" else self.response]
 
     @property
     def drive(self) -> str | None:
-        """The role of what drives it."""
+        """The role of the channel that drives the structure."""
         named = {"decay": None, "loop": "displacement"}
         return named.get(self.kind, "force")
 
     def with_channels(self, **channels: Array) -> "Drawn":
-        """Return the record with other channels, all cut to the shortest."""
+        """Return the record with other channels, all cut to the length of the shortest."""
         every = {**self.channels, **channels}
         shortest = min(map(len, every.values()))
         return replace(self, channels={name: x[:shortest] for name, x in every.items()})
 
     def with_x(self, x: Array) -> "Drawn":
-        """Return the record with another response (of a loop: force)."""
+        """Return the record with another response (for a loop, another force)."""
         return self.with_channels(
             **{"restoring_force" if self.kind == "loop" else self.response: x}
         )
 
     def truth(self) -> Truth:
-        """Return the truth by the plant's free decay, or where it is driven by its steady loops."""
+        """Return the true values: of a free decay for decays, of steady loops for driven tests."""
         find = truth_of if self.kind == "decay" else steady_truth
-        return find(self.plant, max(self.top, 1.0))  # the same for all levels
+        # computed up to the same amplitude for all levels
+        return find(self.plant, max(self.top, 1.0))
 
     def true_at(self, displacement: Array) -> tuple[Array, Array]:
-        """Return true frequency [Hz] and damping ratio at displacement amplitudes [m]."""
+        """Return true frequency [Hz] and damping ratio at given displacement amplitudes [m]."""
         omega, zeta = self.truth().at(np.asarray(displacement) / self.length, 0)
         return omega * self.hz, zeta
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What is not left to chance.
+    """The properties of a record that are not left to chance.
 
     Attributes:
-        law: One of `plants.LAWS`; drawn when None.
-        strong: Whether the law is strong; drawn when None.
-        zeta: Range of the damping ratio; by the law when None.
-        noise: Range of the noise; also none, when None.
-        bits: Least number of bits.
-        laws: What a law is drawn from.
+        law: One of `plants.LAWS`; drawn if None.
+        strong: Whether the law is strong; drawn if None.
+        zeta: Range of the damping ratio; depends on the law if None.
+        noise: Range of the noise; if None, there may be no noise.
+        bits: Smallest number of bits.
+        laws: Laws from which one is drawn.
     """
 
     law: str | None = None
@@ -136,13 +137,13 @@ ANY = Choice()
 
 @dataclass(frozen=True)
 class Specimen:
-    """A structure and the instruments on it: what all records of a campaign share.
+    """A structure with its instruments, which all records of a campaign share.
 
     Attributes:
         law: Name in `plants.LAWS`.
-        plant: In units of 1 rad/s and of `length`.
+        plant: Oscillator in units of 1 rad/s and of `length`.
         hz: Natural frequency, fully stuck [Hz].
-        per_period: Samples a natural period.
+        per_period: Samples per natural period.
         noise: Standard deviation over the largest response at a level of one.
         response: Quantity that the sensor measures.
         mass: Modal mass [kg].
@@ -167,16 +168,16 @@ class Specimen:
 
     @property
     def fs(self) -> float:
-        """Sampling frequency [Hz]."""
+        """The sampling frequency [Hz]."""
         return self.hz * self.per_period
 
     @property
     def rate(self) -> float:
-        """Samples a unit of the plant's time."""
+        """The number of samples per unit of the plant's time."""
         return self.per_period / (2 * np.pi)
 
     def record(self, kind: str, motion: Array, u: Array | None, level: float, **more: Any) -> Drawn:
-        """Scale a motion (displacement, velocity, acceleration) and a force to SI."""
+        """Return a record from motion (displacement, velocity, acceleration) and force, in SI."""
         w = 2 * np.pi * self.hz
         order = RESPONSES.index(self.response)
         channels = {self.response: motion[order] * self.length * w**order}
@@ -189,7 +190,7 @@ class Specimen:
         )  # fmt: skip
 
 
-# Samples a period, and damping of linear plants and of others, by kind.
+# ranges by kind: samples per period, damping of linear plants, damping of other plants
 RANGES: dict[str, tuple[tuple[float, float], tuple[float, float], tuple[float, float]]] = {
     "decay": ((8, 40), (5e-4, 0.2), (5e-4, 0.1)),
     "sweep": ((8, 30), (1e-3, 0.2), (1e-3, 0.05)),
@@ -215,10 +216,10 @@ def specimen(rng: Rng, kind: str, choice: Choice = ANY) -> Specimen:
     if choice.noise:
         noise = log_uniform(rng, *choice.noise)
     bits = max(int(rng.choice([8, 10, 12, 14, 16, 24])), choice.bits)
-    # An acceleration that a laboratory meets, of a motion that a bench has.
+    # realistic acceleration of a laboratory, realistic motion of a bench
     length = min(log_uniform(rng, 0.1, 500) / (2 * np.pi * hz) ** 2, log_uniform(rng, 1e-3, 3e-2))
     mass = log_uniform(rng, 0.05, 50.0)
-    if kind == "loop":  # a testing machine's joint, by its stiffness
+    if kind == "loop":  # the joint in a testing machine is given by its stiffness
         length, mass = log_uniform(rng, 1e-5, 1e-2), log_uniform(rng, 1e5, 1e9)
         mass /= (2 * np.pi * hz) ** 2
     plant = draw_plant(rng, law, zeta, strong=strong)
@@ -227,7 +228,7 @@ def specimen(rng: Rng, kind: str, choice: Choice = ANY) -> Specimen:
 
 
 def _law(rng: Rng, laws: tuple[str, ...]) -> str:
-    """Draw a law; a fifth of them from all that there are."""
+    """Draw a law; a fifth of the time from all laws."""
     if laws == COMMON and rng.random() < 0.2:
         return str(rng.choice(list(LAWS)))
     return str(rng.choice(laws))
@@ -235,14 +236,14 @@ def _law(rng: Rng, laws: tuple[str, ...]) -> str:
 
 # ------------------------------------------------------------------------------------------ decays
 def decay(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
-    """Draw a free decay after a blow or a release, with a second mode elsewhere in half of them."""
+    """Draw a free decay after a blow or a release, half of the time with a second distant mode."""
     z = one.zeta
-    enough = np.exp(-2 * np.pi * 3 * z) / SEEN  # that three periods stand out of noise
+    enough = np.exp(-2 * np.pi * 3 * z) / SEEN  # noise at which three periods are clearly above it
     one = replace(one, noise=min(one.noise, enough * level))
     periods = np.clip(log_uniform(rng, 3, 40) / (2 * np.pi * z), *PERIODS)
     count = int(min(periods * one.per_period, SAMPLES))
     released = rng.random() < 0.3
-    # A blow meets a joint without force, a release one that was pulled.
+    # A blow hits a joint without force, a release begins with a loaded joint.
     first = (level, 0.0) if released else (0.0, level)
     motion = free_decay(one.plant, count, one.per_period, first, pulled=released)
     ahead = 0 if rng.random() < 0.5 else int(rng.uniform(0, 1) * one.per_period)
@@ -255,7 +256,7 @@ def decay(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
 
 
 def _with_mode_elsewhere(rng: Rng, drawn: Drawn, share: float) -> Drawn:
-    """Add the decay of a mode of 1.9 to 3 times the frequency."""
+    """Add the decay of a mode with 1.9 to 3 times the frequency."""
     hz = rng.uniform(1.9, 3) * drawn.hz
     if share == 0 or hz > 0.45 * drawn.fs:
         return drawn
@@ -272,7 +273,7 @@ def sweep_drive(
     count: int, per_period: float, substeps: int, ends: tuple[float, float], fade: float,
     *, linear: bool,
 ) -> Array:  # fmt: skip
-    """Return a sweep of amplitude one, at every half step; `ends` over the natural frequency."""
+    """Return a sweep of amplitude one at every half step; `ends` are over the natural frequency."""
     size = 2 * substeps * (count - 1) + 1
     s = np.arange(size) / (size - 1)
     cycles = (count - 1) / per_period
@@ -302,19 +303,19 @@ def driven(
     one: Specimen, kind: str, drive: Array, span: tuple[float, float], level: float, *,
     skip: int = 0, facts: Mapping[str, Any],
 ) -> Drawn:  # fmt: skip
-    """Drive a plant so strongly that it moves by about `level`; record from sample `skip` on.
+    """Drive a plant so that it moves by about `level`; record from sample `skip` on.
 
     Args:
         one: The structure.
-        kind: Of the record.
-        drive: In any unit, at every half step.
-        span: Frequencies of the drive over the natural one.
+        kind: Kind of the record.
+        drive: Drive in any unit, at every half step.
+        span: Range of the drive's frequencies, relative to the natural one.
         level: Largest displacement to be reached, within a factor of 1.4.
-        skip: Samples before the record begins.
-        facts: Whatever was drawn of the drive.
+        skip: Number of samples before the record begins.
+        facts: Everything that was drawn for the drive.
     """
     substeps = substeps_of(one.per_period)
-    size = 2 * one.zeta * level  # found by trial, as the law bends the response
+    size = 2 * one.zeta * level  # found by trial, because the response depends on the law
     for _ in range(4):
         motion = march(one.plant, size * drive, one.rate, substeps)
         top = float(np.max(np.abs(motion[0]))) / level
@@ -338,14 +339,14 @@ def _band_of(rng: Rng, zeta: float, per_period: float) -> tuple[float, float]:
 def band_limited(
     rng: Rng, size: int, cycles: float, span: tuple[float, float], *, flat: bool
 ) -> Array:
-    """Return periodic noise between two frequencies, of standard deviation one.
+    """Return periodic noise between two frequencies, with a standard deviation of one.
 
     Args:
         rng: Source of random numbers.
-        size: Values.
-        cycles: Natural periods within them.
-        span: Frequencies, in units of the natural one.
-        flat: Whether all lines have one size, as of a multisine, or random ones.
+        size: Number of values.
+        cycles: Number of natural periods in them.
+        span: Range of frequencies, relative to the natural one.
+        flat: Whether all lines have one size, as in a multisine, or random sizes.
     """
     lines = np.arange(size // 2 + 1)
     inside = (lines >= span[0] * cycles) & (lines <= span[1] * cycles) & (lines > 0)
@@ -360,10 +361,10 @@ def band_limited(
 
 
 def multisine(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
-    """Draw several periods of a multisine, recorded after as many as the transient lasts."""
+    """Draw several periods of a multisine, recorded after its transient."""
     span = _band_of(rng, one.zeta, one.per_period)
     substeps, periods = substeps_of(one.per_period), int(rng.integers(3, 9))
-    # The lines are as close as a quarter of the half-power width, at least.
+    # The distance of lines is at most a quarter of the half-power width.
     length = int(min(rng.uniform(4, 8) / (2 * one.zeta) * one.per_period, SAMPLES / periods))
     waiting = int(np.ceil(8 / (2 * np.pi * one.zeta) * one.per_period / length))
     period = band_limited(rng, 2 * substeps * length, length / one.per_period, span, flat=True)
@@ -375,13 +376,13 @@ def multisine(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
 
 
 def noise(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
-    """Draw a response to band-limited noise."""
+    """Draw the response to band-limited noise."""
     span = _band_of(rng, one.zeta, one.per_period)
-    # By widths of the resonance: fewer than some hundred say little of it.
+    # length in units of 1 / bandwidth: records of fewer than some hundred show little
     cycles = rng.uniform(100, 600) / (2 * one.zeta)
     count = int(min(cycles * one.per_period, SAMPLES / 2))
     fine = 2 * substeps_of(one.per_period)
-    # The noise repeats itself only after the record, where a transform is quick.
+    # The noise repeats itself only after the record ends, at a length that suits the transform.
     size = scipy.fft.next_fast_len(fine * count)
     cycles = size / fine / one.per_period
     drive = band_limited(rng, size, cycles, span, flat=False)[: fine * (count - 1) + 1]
@@ -392,21 +393,22 @@ def noise(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
 def loop(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
     """Draw slow cycles of a testing machine at several amplitudes: displacement and force.
 
-    The machine sees the stiffness omega_n^2 mass; viscous damping has no force at its pace.
+    The machine measures the stiffness omega_n^2 mass; it is too slow for forces of viscous damping.
     """
     amplitudes = np.sort(rng.uniform(0.1, 1.0, int(rng.integers(2, 6))))
     amplitudes *= level / amplitudes[-1]
     cycles, per_cycle = int(rng.integers(2, 5)), int(rng.uniform(80, 600))
-    seconds = log_uniform(rng, 0.5, 60.0)  # of a cycle
+    seconds = log_uniform(rng, 0.5, 60.0)  # duration of a cycle
     plant, steps = replace(one.plant, zeta=0.0), substeps_of(per_cycle)
     count = cycles * per_cycle * len(amplitudes) + 1
-    turns = np.arange(2 * steps * (count - 1) + 1) / (2 * steps * per_cycle)  # cycles done
+    # number of cycles so far
+    turns = np.arange(2 * steps * (count - 1) + 1) / (2 * steps * per_cycle)
     size = amplitudes[np.minimum((turns / cycles).astype(int), len(amplitudes) - 1)]
     sine = bool(rng.random() < 0.5)
     y = size * (np.sin(2 * np.pi * turns) if sine else 4 * np.abs((turns + 0.25) % 1 - 0.5) - 1)
     y = y if sine else -y
     fs = per_cycle / seconds
-    pace = fs / (2 * np.pi * one.hz)  # samples a unit of the plant's time
+    pace = fs / (2 * np.pi * one.hz)  # samples per unit of the plant's time
     force = force_along(plant, y, np.gradient(y, 1 / (2 * steps * pace)), pace, steps)
     length, stiffness = one.length, one.mass * (2 * np.pi * one.hz) ** 2
     channels = {
@@ -429,7 +431,7 @@ KINDS: dict[str, Callable[..., Drawn]] = {
 
 # ---------------------------------------------------------------------------------------- recorders
 def digitised(rng: Rng, x: Array, noise: float, bits: int) -> Array:
-    """Add white noise and round to the steps of a converter whose range is 1 to 2 times used."""
+    """Add white noise, and round to the steps of a converter with at least half its range used."""
     largest = np.max(np.abs(x)) or 1.0
     x = x + noise * largest * rng.standard_normal(len(x))
     if bits >= 24:
@@ -439,7 +441,7 @@ def digitised(rng: Rng, x: Array, noise: float, bits: int) -> Array:
 
 
 def recorded(rng: Rng, drawn: Drawn) -> Drawn:
-    """Return the record as its recorder writes it; the drive has less noise than the response."""
+    """Return a record as its recorder writes it; the drive has less noise than the response."""
     found = {}
     for role, x in drawn.channels.items():
         is_response = x is drawn.x
@@ -449,7 +451,7 @@ def recorded(rng: Rng, drawn: Drawn) -> Drawn:
 
 
 def sound(rng: Rng, kind: str, choice: Choice = ANY) -> Drawn:
-    """Draw a sound record, again where its motion grows without bound."""
+    """Draw a sound record; draw again if its motion grows without bound."""
     while True:
         try:
             return recorded(rng, KINDS[kind](rng, specimen(rng, kind, choice)))

@@ -1,7 +1,7 @@
-"""The motion of a mode with a joint, integrated in C: nothing here is shared with jbw.
+"""The motion of a mode with a joint, integrated in C without any code of jbw.
 
-A `Plant` has the units of its numbers: plants of one radian a second and one unit of length are
-drawn, and scaled to hertz and metres by whoever writes records.
+The numbers of a `Plant` may have any units: plants with a frequency of 1 rad/s and a length of one
+are drawn, and converted to hertz and metres when records are written.
 """
 
 import ctypes
@@ -19,12 +19,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 SOURCE = Path(__file__).with_name("osc.c")
-# Sums may be reordered, so that sliders are advanced several at a time; NaN stays NaN.
+# Sums may be reordered, so that several sliders are advanced at once; NaN stays NaN.
 FLAGS = (
     "-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros",
     "-fassociative-math", "-shared", "-fPIC",
 )  # fmt: skip
-# Of RK4, at least. Kinks of a joint cost frequencies up to 1e-4 at 180 steps, and 1e-5 at 720.
+# Smallest number of RK4 steps per period. Kinks of a joint cause errors of the frequency of up to
+# 1e-4 with 180 steps, and of 1e-5 with 720.
 STEPS_A_PERIOD = 720
 NUM_STATES, NUM_OUT, MOST_SLIDERS = 7, 6, 1024
 
@@ -34,8 +35,7 @@ class Plant:
     """A mode and its joint, per unit modal mass; fields are in the order of `osc.c`.
 
     Attributes:
-        omega_n: Natural frequency with the joint fully stuck; where an element has a gap, without
-            that element.
+        omega_n: Natural frequency with the joint fully stuck, without elements behind a gap.
         zeta: Viscous damping ratio.
         springs: Stiffness of each slider.
         forces: Largest force of each slider.
@@ -51,32 +51,32 @@ class Plant:
     gap_alpha: float = 0.0
     gap_delta: float = 0.0
     gap_gamma: float = 0.0
-    quadratic: float = 0.0  # of y |y|
-    square: float = 0.0  # of y^2
+    quadratic: float = 0.0  # coefficient of y |y|
+    square: float = 0.0  # coefficient of y^2
     cubic: float = 0.0
     quintic: float = 0.0
     stop: float = 0.0  # stiffness beyond stop_at on both sides
     stop_at: float = 0.0
-    quadratic_damping: float = 0.0  # of v |v|
+    quadratic_damping: float = 0.0  # coefficient of v |v|
     cubic_damping: float = 0.0
-    sigma_0: float = 0.0  # LuGre
+    sigma_0: float = 0.0  # parameters of LuGre friction
     sigma_1: float = 0.0
     sigma_2: float = 0.0
     coulomb: float = 1.0
     static: float = 1.0
     stribeck: float = 1.0
-    valanis_0: float = 0.0  # E_0, E_t, lambda, kappa
+    valanis_0: float = 0.0  # parameters E_0, E_t, lambda and kappa of Valanis' law
     valanis_t: float = 0.0
     valanis_lambda: float = 0.0
     valanis_kappa: float = 0.0
-    kinetic: float = 1.0  # force of a sliding slider over its largest
-    drift: float = 0.0  # relative change of omega_n in a unit of time
-    armature_mass: float = 0.0  # of a shaker, over the modal mass
+    kinetic: float = 1.0  # force of a sliding slider relative to its largest force
+    drift: float = 0.0  # relative change of omega_n per unit of time
+    armature_mass: float = 0.0  # mass of a shaker's armature over the modal mass
     armature_damping: float = 0.0
     armature_stiffness: float = 0.0
-    omega_2: float = 1.0  # second mode, linear
+    omega_2: float = 1.0  # frequency of a second, linear mode
     zeta_2: float = 0.0
-    gain_2: float = 0.0  # its force over that of the first
+    gain_2: float = 0.0  # force on the second mode relative to that on the first
     springs: tuple[float, ...] = ()
     forces: tuple[float, ...] = ()
 
@@ -88,7 +88,7 @@ class Plant:
 
     @property
     def sliders(self) -> tuple[Array, Array]:
-        """Stiffness and largest force of each slider."""
+        """The stiffness and the largest force of each slider."""
         if len(self.springs) > MOST_SLIDERS:
             raise ValueError(f"A plant has at most {MOST_SLIDERS} sliders: {len(self.springs)}.")
         return np.array(self.springs, float), np.array(self.forces, float)
@@ -104,11 +104,11 @@ def library() -> ctypes.CDLL | None:
     name = f"outside-{hashlib.sha256(words).hexdigest()[:16]}.so"
     folder = Path(tempfile.gettempdir()) / f"jbw-outside-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
-    if folder.stat().st_uid != os.getuid():  # anybody may have made a folder of this name
+    if folder.stat().st_uid != os.getuid():  # any user may have made a folder of this name
         folder = Path(tempfile.mkdtemp())
     target = folder / name
     if not target.exists():
-        # Another process may compile the same: the finished file appears at once.
+        # Another process may compile the same code: the finished file appears at once.
         unfinished = folder / f"{os.getpid()}-{name}"
         command = [compiler, *FLAGS, str(SOURCE), "-o", str(unfinished), "-lm"]
         subprocess.run(command, check=True)
@@ -125,7 +125,7 @@ def march(
     *,
     pulled: bool = False,
 ) -> Array:
-    """Integrate the motion under a force.
+    """Integrate the motion under a given force.
 
     Args:
         plant: The mode and its joint.
@@ -189,14 +189,14 @@ def force_along(plant: Plant, y: Array, v: Array, fs: float, substeps: int) -> A
 def free_decay(
     plant: Plant, count: int, per_period: float, start: tuple[float, float], *, pulled: bool = False
 ) -> Array:
-    """Integrate a free decay of a plant of about 1 rad/s, `per_period` samples a period: (6, n)."""
+    """Integrate a free decay of a plant of about 1 rad/s, in `per_period` samples: (6, n)."""
     substeps = substeps_of(per_period)
     u = np.zeros(2 * substeps * (count - 1) + 1)
     return march(plant, u, per_period / (2 * np.pi), substeps, start, pulled=pulled)
 
 
 def substeps_of(per_period: float) -> int:
-    """Return the steps of RK4 a sample for so many samples a period."""
+    """Return the RK4 steps per sample for a given number of samples per period."""
     return max(int(np.ceil(STEPS_A_PERIOD / per_period)), 2)
 
 

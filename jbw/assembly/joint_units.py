@@ -37,7 +37,7 @@ class JointUnits(NamedTuple):
         return si / scale
 
     def unit(self, unit: str) -> str:
-        """Return the name of an SI unit in these units, such as `N m/rad` for `N/m`."""
+        """Return the name of an SI unit in this joint's units, such as `N m/rad` for `N/m`."""
         powers = zip(self.names, _powers(unit), strict=True)
         factors = [(name, power) for name, power in powers if power]
         above = " ".join(_raised(name, p) for name, p in factors if p > 0) or "1"

@@ -224,7 +224,7 @@ def _is_triangle(matrix: Sparse) -> bool:
 
 
 def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:
-    """Raise if a mass matrix has a negative direction; rows of zeros are massless and allowed."""
+    """Raise if a mass matrix is negative in some direction; massless rows of zeros are allowed."""
     diagonal = mass.diagonal()
     carries = np.flatnonzero(abs(mass).sum(axis=0) > 0)
     if carries.size == 0:

@@ -241,7 +241,7 @@ def structure_of_joints(reduced: ReducedModel) -> Any:
 
 
 class _ResidualBasis(NamedTuple):
-    """Attachment modes Psi, Psi^T K_s Psi, Psi^T M Psi, and the flexibility of the loads."""
+    """The attachment modes Psi, their matrices Psi^T K_s Psi and Psi^T M Psi, and flexibilities."""
 
     shapes: Float[np.ndarray, "dof load"]
     flexibility: Float[np.ndarray, "load load"]

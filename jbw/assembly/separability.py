@@ -31,7 +31,7 @@ Likeness = Literal["same motion", "mirror images"]
 
 
 class InseparablePair(NamedTuple):
-    """A pair of joints with nearly parallel columns of B.
+    """A pair of joints whose columns of the separability matrix B are nearly parallel.
 
     Attributes:
         first: Index of the first joint.
@@ -50,7 +50,7 @@ class InseparablePair(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointSeparability:
-    """The matrix B of modes and joints, which determines the joints that the modes can separate.
+    """The separability matrix B of modes and joints, and which joints the modes can separate.
 
     Attributes:
         modes: Indices of the modes, the rows of B.
@@ -131,7 +131,7 @@ def joint_separability(
     exponent: float = 1.0,
     groups: Sequence[int] | None = None,
 ) -> JointSeparability:
-    """Return B, its condition number, and the joints that some modes cannot separate.
+    """Return the separability matrix B, its condition number, and inseparable pairs of joints.
 
     Args:
         model: A reduced model, or the motion of every joint (row) per unit of every mode.
@@ -189,7 +189,7 @@ def joint_separability(
 def _of_groups(
     motion: np.ndarray, participation: np.ndarray, names: tuple[str, ...], groups: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return the columns of joint groups: the first joint's motion, the sum of B, and all names."""
+    """Return one column per group of tied joints: first joint's motion, sum of B, all names."""
     members = [[j for j, g in enumerate(groups) if g == group] for group in dict.fromkeys(groups)]
     return (
         motion[:, [joints[0] for joints in members]],

@@ -26,10 +26,10 @@ BY_CHANCE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class JointStarts:
-    """The estimates of all joints from fits of single modes.
+    """The estimated softening S_j or loss O_j of all joints, from fits of single modes.
 
     Attributes:
-        estimate: S_j or O_j of every joint, not negative.
+        estimate: Softening S_j or loss O_j of every joint, not negative.
         standard_error: Standard errors of joints that are not at zero; NaN for the others.
         chi_square: Weighted sum of squares that the joints do not explain.
         degrees_of_freedom: Number of modes minus number of joints.
@@ -44,7 +44,7 @@ class JointStarts:
 
     @property
     def explains(self) -> bool | None:
-        """Whether these joints explain these modes; None if there are no degrees of freedom."""
+        """Whether the estimated joints explain the modes; None without a degree of freedom."""
         return None if np.isnan(self.p) else self.p >= BY_CHANCE
 
 
@@ -53,7 +53,7 @@ def joint_starts(
     readings: Float[np.ndarray, " mode"],
     covariance: Float[np.ndarray, "mode mode"],
 ) -> JointStarts:
-    """Estimate non-negative S_j (or O_j) of every joint from fits of single modes.
+    """Estimate each joint's softening S_j (or loss O_j) from fits of single modes, not negative.
 
     Args:
         separability: Separability B of the modes that were read.

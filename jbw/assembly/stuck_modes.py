@@ -162,7 +162,7 @@ def _signed(shapes: np.ndarray) -> np.ndarray:
 
 
 def rotated_clusters(modes: StuckModes, loads: Float[np.ndarray, "dof load"]) -> StuckModes:
-    """Return modes where as few as possible of those with equal frequency move each load in turn.
+    """Rotate modes of equal frequency, so that as few of them as possible respond to each load.
 
     Modes of equal frequency are rotated: in a pair, only one mode moves the first load. Otherwise
     the participation factors of coincident modes are arbitrary, and change with the last digit of

@@ -115,7 +115,7 @@ class ForcedCurve:
 
 
 def least_omega(loops: EquivalentLoops) -> Values:
-    """Return the frequency [rad/s] at which a response curve with a peak of this amplitude peaks.
+    """Return the peak frequency [rad/s] of the response curve whose peak has a given amplitude.
 
     The function G has its minimum there. The frequency is NaN where the equivalent stiffness
     permits no resonance.
@@ -203,7 +203,7 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
 def _corrected(
     motion: EquivalentMotion, level: Values, y: Values, omega: Values
 ) -> tuple[Values, Values]:
-    """Return amplitude and frequency of the peaks, from close guesses and the loops themselves."""
+    """Return amplitude and frequency of the peaks, improved from close guesses by exact loops."""
     for _ in range(MOST_ROUNDS):
         loops = motion.loops(y, omega)
         before, omega = omega, least_omega(loops)
@@ -216,7 +216,7 @@ def _corrected(
 
 
 def _needed(table: LoopTable) -> Values:
-    """Return the force amplitude [N/kg] of a peak at each table node, of shape (draw, node)."""
+    """Return the force amplitude [N/kg] for a peak at each table node, of shape (draw, node)."""
     return peak_level(table.loops(table.y), table.y)
 
 

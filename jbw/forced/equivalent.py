@@ -92,7 +92,7 @@ class EquivalentMotion:
         return self._at_points(_loops, y, omega, self.num_harmonics)
 
     def shapes(self, y: Values, omega: Values) -> tuple[Values, Values]:
-        """Return the largest displacement and the third harmonic, both over Y.
+        """Return the largest displacement and the third harmonic, both relative to Y.
 
         Both are computed with the balanced number of harmonics, but at least two.
         """
@@ -154,7 +154,7 @@ class EquivalentMotion:
 
 
 def wide(values: Values, like: Values) -> Values:
-    """Return values of each draw, of shape (draw, 1), with as many axes as another array."""
+    """Return values of each draw, of shape (draw, 1), with as many axes as the other array."""
     return values.reshape(-1, *(1,) * (like.ndim - 1))
 
 

@@ -181,7 +181,7 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
 
 
 def _losses(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
-    """Return free vibration at given amplitudes, and losses over action, c + pi D Y^2 / J [1/s]."""
+    """Return free vibration at given amplitudes, and losses divided by the action [1/s]."""
     cycle = cycles(motion, y)
     _, loss = motion.values(y, 2.0 * np.pi / cycle.period)
     return cycle, motion.viscous + np.pi * loss * y**2 / cycle.action

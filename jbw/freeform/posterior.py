@@ -1,12 +1,13 @@
-r"""The posterior of slider strengths given readings; linear coefficients are integrated out.
+r"""The posterior of slider strengths; linear coefficients are integrated out.
 
-Readings are linear in omega_n^2, in the strengths w and in the coefficients of springs and dampers,
+Stiffness and loss are linear in omega_n^2, in the strengths w and in the coefficients of springs
+and dampers,
 
 $$r = L b + G w + c\,\omega, \qquad b = (\omega_n^2, b_3, b_5, c_2)$$
 
 with $\tfrac34 b_3 Y^2$ and $\tfrac58 b_5 Y^4$ in omega^2 and $\tfrac{8}{3\pi} c_2 \omega^2 Y$ in 2
-zeta omega^2. omega_n^2 has a flat prior. The change of the readings by any other term at the
-largest amplitude has a normal prior, whose standard deviation is twice the change of the readings.
+zeta omega^2. omega_n^2 has a flat prior. The change of these values by any other term at the
+largest amplitude has a normal prior, whose standard deviation is twice their measured change.
 A QR factorisation of the whitened columns gives the likelihood of w. The relative frequency offset
 of each record, N(0, tau^2), is integrated out as well: with U S V^T the whitened columns of the
 records and e the residual,
@@ -78,7 +79,7 @@ class StrengthPosterior:
     constant: float
 
     def left(self, w: SliderStrengths) -> Float[np.ndarray, "particle row"]:
-        """Return the whitened residual for given strengths, with the best linear terms removed."""
+        """Return the whitened residual for given strengths, without the best linear terms."""
         made = w.of_stiffness @ self.by_stiffness.T + w.of_loss @ self.by_loss.T
         return self.readings - made - w.viscous[:, None] * self.by_viscous
 
@@ -97,7 +98,7 @@ class StrengthPosterior:
         return self._value(theta)[0]
 
     def _value(self, theta: Particles) -> tuple[Reals, SliderStrengths, RowColumns, RowColumns]:
-        """Return log likelihood, strengths, residual over its covariance, and slope by ln tau."""
+        """Return log likelihood, strengths, residual over covariance, and slope in ln tau."""
         w = self.prior.strengths(theta[:, :-1])
         left = self.left(w)
         variance = np.exp(2 * theta[:, -1:]) * self.own_sizes**2
@@ -105,12 +106,12 @@ class StrengthPosterior:
         solved = left - (variance / (1 + variance) * along) @ self.own.T
         excess = np.maximum(w.of_stiffness.sum(axis=1) - 1.0, 0.0)
         squares = np.sum(left * solved, axis=1) + np.log1p(variance).sum(axis=1)
-        # derivative of -squares/2 by ln tau
+        # derivative of -squares/2 with respect to ln tau
         by_scatter = variance / (1 + variance) * (along**2 / (1 + variance) - 1)
         return self.constant - 0.5 * squares - EXHAUSTED * excess, w, solved, by_scatter
 
     def with_slopes(self, theta: Particles) -> tuple[Reals, Particles]:
-        """Return the log likelihood [nats] and its slopes by the parameters."""
+        """Return the log likelihood [nats] and its derivatives with respect to the parameters."""
         value, w, solved, by_scatter = self._value(theta)
         if self.prior.slopes is None:
             steps = STEP * np.eye(theta.shape[1])
@@ -162,7 +163,7 @@ class StrengthPosterior:
 
     @staticmethod
     def columns(rows: ReadingRows, grid: SliderGrid) -> tuple[RowColumns, RowColumns, RowColumns]:
-        """Return the linear problem's columns for strengths of stiffness and loss, and damping."""
+        """Return the linear problem's columns for sliders' stiffness and loss, and for damping."""
         none = np.zeros((len(rows.y), len(grid.log_d)))
         return (
             np.vstack([-grid.softening(rows.y), none]),
@@ -221,7 +222,7 @@ def posterior_of(
 
 
 def _term_columns(terms: Sequence[str], ratio: Reals) -> tuple[RowColumns, RowColumns]:
-    """Return the effect of each term on omega^2 and 2 zeta, at ratios to the largest amplitude."""
+    """Return each term's effect on omega^2 and 2 zeta, at amplitudes relative to the largest."""
     springs = [ratio ** SPRINGS[name] if name in SPRINGS else 0 * ratio for name in terms]
     dampers = [ratio ** DAMPERS[name] if name in DAMPERS else 0 * ratio for name in terms]
     shape = len(ratio), len(terms)

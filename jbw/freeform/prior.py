@@ -1,4 +1,4 @@
-r"""Priors of slider strengths: rough without a form, without Masing's rule, or a named shape.
+r"""Priors of slider strengths: without an assumed form, without Masing's rule, or of a named shape.
 
 $$\log w_i = m + s (x_i - x_0) + \sigma (K^{1/2} \xi)_i, \qquad x = \log d, \quad
   K = e^{-|x_i - x_j| / 2.3}$$
@@ -72,7 +72,7 @@ def linear_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def power_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of strengths that are a power of the half width."""
+    """Return the prior of slider strengths that are a power of the half width."""
 
     def strengths(theta: Particles) -> SliderStrengths:
         w = _exp(theta[:, :1] + theta[:, 1:2] * (grid.log_d - x_middle))
@@ -82,7 +82,7 @@ def power_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def iwan_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of a power up to a largest half width, with extra sliders of that width."""
+    """Return the prior of a power law of strengths up to a limit, with extra sliders there."""
     x_largest = float(grid.log_d[-1] + grid.width / 2 - np.log(ABOVE))
 
     def strengths(theta: Particles) -> SliderStrengths:
@@ -100,7 +100,7 @@ def iwan_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def masing_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of strengths without a form, under Masing's rule."""
+    """Return the prior of slider strengths without an assumed form, under Masing's rule."""
     num, from_middle, root = len(grid.log_d), grid.log_d - x_middle, _root(grid)
 
     def strengths(theta: Particles) -> SliderStrengths:
@@ -116,7 +116,7 @@ def masing_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def loose_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of strengths without a form, with damping not tied to the stiffness."""
+    """Return the prior of slider strengths without an assumed form and without Masing's rule."""
     num, from_middle, root = len(grid.log_d), grid.log_d - x_middle, _root(grid)
     bound = masing_prior(grid, x_middle)
 
@@ -149,7 +149,7 @@ PRIORS = {
 def _bound_slopes(
     theta: Particles, by: SliderStrengths, from_middle: Reals, root: Float[np.ndarray, "bin bin"]
 ) -> Particles:
-    """Return slopes by parameters of a law without a form, from slopes by ln of its strengths."""
+    """Convert derivatives with respect to log strengths to those of the prior's parameters."""
     by_log = by.of_stiffness + by.of_loss
     sigma, by_xi = np.exp(theta[:, 2:3]), by_log @ root
     by_sigma = sigma[:, 0] * np.sum(by_xi * theta[:, 4:], axis=1)

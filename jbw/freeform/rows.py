@@ -1,4 +1,4 @@
-r"""Readings as rows of a linear problem: omega^2 and 2 zeta omega^2, with their covariance.
+r"""Measured frequency and damping as rows of a linear problem: omega^2 and 2 zeta omega^2.
 
 The rows of a record share an error, the record's own frequency. Relative to the mean of omega^2,
 the stiffness has
@@ -143,7 +143,7 @@ def _rows(tables: Sequence[RecordTable]) -> ReadingRows:
 
 
 def _left_by_any_law(rows: ReadingRows) -> tuple[Reals, float]:
-    """Return the residual of the best sliders, and its degrees of freedom.
+    """Return the residual that remains with the best sliders, and its degrees of freedom.
 
     Frequency and damping are fitted separately, each with its own strengths and a cubic spring, so
     that no law of the amplitude alone fits much better.

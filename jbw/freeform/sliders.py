@@ -83,11 +83,11 @@ class SliderGrid:
         return np.exp(self.log_d[:, None] + within)
 
     def softening(self, amplitude: ArrayLike) -> Matrix:
-        """Return the decrease of omega^2 at each amplitude, per strength of a bin."""
+        """Return the decrease of omega^2 at each amplitude, per unit strength of each bin."""
         return 1.0 - self._mean(stiffness_share, amplitude)
 
     def loss(self, amplitude: ArrayLike) -> Matrix:
-        """Return the increase of 2 zeta omega^2 at each amplitude, per strength of a bin."""
+        """Return the increase of 2 zeta omega^2 at each amplitude, per unit strength of bins."""
         return self._mean(loss_share, amplitude)
 
     def _mean(self, share: Callable[..., np.ndarray], amplitude: ArrayLike) -> Matrix:
@@ -95,7 +95,7 @@ class SliderGrid:
 
 
 def grid_for(smallest: float, largest: float, per_decade: int = PER_DECADE) -> SliderGrid:
-    """Return the slider grid for amplitudes of a motion [m]: from 1/20 to six times of these."""
+    """Return the slider grid for a motion's amplitudes [m]: from 1/20 to six times these."""
     low, high = np.log(BELOW * smallest), np.log(ABOVE * largest)
     count = max(4, int(np.ceil((high - low) / np.log(10) * per_decade)))
     edges = np.linspace(low, high, count + 1)

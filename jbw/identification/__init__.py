@@ -1,1 +1,1 @@
-"""The steps of the paper's procedure and the fit of the joint posterior."""
+"""The steps of the procedure of Teloli et al., and the fit of the joint posterior."""

@@ -38,7 +38,7 @@ TINY = np.finfo(float).tiny
 
 
 def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
-    r"""Check whether the time step could have moved the posterior; None if nothing is integrated.
+    r"""Check whether the time step could have moved the posterior; None if no time step is used.
 
     Halving the step changes the log likelihood by $\Delta\ell(\theta)$ and so a posterior mean by
     $\mathrm{Cov}(\theta, \Delta\ell)$, at most $\mathrm{sd}(\Delta\ell)$ standard deviations.
@@ -57,7 +57,7 @@ def substeps_of(data: Dataset) -> int:
 
 
 def another_law(laws: Sequence[str]) -> str:
-    """Return a campaign file's line that adds a cubic spring, or the advice to try other laws."""
+    """Return the campaign file's line that adds a cubic spring, or the advice to try other laws."""
     if SPRING in laws:
         return OTHER_LAWS
     return beside_other_laws(put("joint", "laws", [*laws, SPRING]))
@@ -66,7 +66,7 @@ def another_law(laws: Sequence[str]) -> str:
 def solver_change(
     theta: Mapping[str, Float[np.ndarray, "..."]], data: Dataset
 ) -> NDArray[np.float64] | None:
-    """Return how the log likelihood of each draw changes with half the solver step, or None."""
+    """Return how each draw's log likelihood changes with half the solver step, or None."""
     finer = halved(data)
     if finer is None:
         return None
@@ -99,8 +99,8 @@ def residual_finding(
     lag_one = {label: correlation_at_one(row) for label, row in long.items()}
     if not lag_one:
         return None
-    # Correlations are compared with what white noise of the same length reaches. A correlation that
-    # cannot be computed counts as the worst.
+    # Correlations are compared with the largest ones of white noise of the same length. A
+    # correlation that cannot be computed counts as the worst.
     ratio = {label: abs(value) / coloured_from(long[label]) for label, value in lag_one.items()}
     worst = max(ratio, key=lambda label: np.nan_to_num(ratio[label], nan=np.inf))
     coloured = sum(not value < 1 for value in ratio.values())
@@ -120,7 +120,7 @@ def errors_and_colour(best: Fit, data: Dataset) -> tuple[dict[str, float], Findi
 
 
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """Check the data group whose fit error is largest relative to its limit, if there is one."""
+    """Check the data group with the largest error relative to a limit, if any has a limit."""
     bounded = {
         label: part.most_misfit
         for part in data.parts
@@ -136,7 +136,7 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
-    """Return chi-square and degrees of freedom of a fit, over data groups of known noise."""
+    """Return chi-square and degrees of freedom of a fit, over the data groups with known noise."""
     sizes = num_known(data)
     if sum(sizes.values()) <= len(first.x):  # With so many parameters, the fit explains any data.
         return None
@@ -146,7 +146,7 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
 
 
 def within_misfit(error: Mapping[str, float]) -> Amendment | None:
-    """Return the amendment that a small misfit is usable; None if the misfit is large.
+    """Return the amendment that rates a small misfit as usable; None if the misfit is large.
 
     Long or precise records show residuals beyond noise even where these are only a few per cent of
     the record. Such a law is wrong only in that small part, and the intervals include it.
@@ -163,7 +163,7 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Return the amendment with the errors of tests that were not fitted.
+    """Return the amendment that rates the errors of predicted tests, which were not fitted.
 
     It applies where findings rate the law usable. Errors are relative to the rms of their tests. If
     their rms exceeds that of the fitted errors by more than a factor of 1.5, the amendment rates

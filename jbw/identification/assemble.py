@@ -210,7 +210,7 @@ def _require_labels(parts: Sequence[Observable]) -> None:
 
 
 def entered(seen: Measured) -> dict[str, bool]:
-    """Return by test name whether a repeat or the line fit of the test is fitted."""
+    """Return, by test name, whether the fit includes one of its repeats or its line fit."""
     kinds = {kind for observable in OBSERVABLES for kind in observable.kinds}
     names = _names([test for test in _reducible(seen) if test.kind in kinds])
     names |= _names([test for test in seen.chosen if test.traits.is_free])
@@ -236,7 +236,7 @@ def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
-    """Return the data of given tests as the likelihood needs them, by kind of test and drive."""
+    """Return the data of given tests in the form that the likelihood needs, by kind and drive."""
     parts: list[Observable] = []
     if worn := never_steady(seen.laws, {test.kind for test in tests}):
         raise ConfigError(f"Argument `laws`: {worn}")
@@ -257,7 +257,7 @@ def _names(tests: Sequence[Test]) -> set[str]:
 
 
 def _reducible(seen: Measured) -> list[Test]:
-    """Return the tests to fit without held-out repeats and without tests for validation."""
+    """Return the tests to fit, without held-out repeats and without validation tests."""
     chosen, linear = seen.chosen, seen.linear
     validating = () if linear is None else selection.loop_tests(chosen, linear.natural_hz)
     split = [test for test in chosen if test.traits.is_transient or test.traits.is_free]

@@ -162,7 +162,7 @@ def _require_sources(tests: Sequence[Test]) -> None:
 
 
 def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
-    """Return the indices of the driven elastic modes; the first one is well measured."""
+    """Return the indices of the driven elastic modes; one that the tests measure well is first."""
     frequencies = reduced.frequencies_hz
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
@@ -203,7 +203,7 @@ def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def passes(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Return whether a test's source has strong spectral lines in a frequency window."""
+    """Return whether a test's source has enough strong spectral lines in a frequency window."""
     record = test.records[0]
     hz = np.fft.rfftfreq(record.num_samples, 1 / record.fs)
     size = np.abs(np.fft.rfft(record.channels[record.source]))
@@ -223,7 +223,7 @@ def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
 
 
 def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list:
-    """Return data whose solver steps resolve the fastest residual mode (1 rad per step).
+    """Return the data with solver steps that resolve the fastest residual mode (1 rad per step).
 
     Raises:
         ConfigError: The stated `substeps` are too few: the motion would be unstable.

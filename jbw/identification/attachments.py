@@ -25,7 +25,8 @@ from jbw.quantities import FED
 from jbw.report.messages import instruments as messages
 
 Own = Float[np.ndarray, " own"]
-# sd of the predicted change by a shaker, relative to it: in general, and at the fitted response
+# relative sd of a predicted change by a shaker: in general, and if its drive point is the fitted
+# response
 SHARE, SHARE_OF_RESPONSE = 0.3, 0.6
 LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # smallest relative sd of the predicted omega_n and zeta
 MOST_MODES = (1, 2, 3)  # numbers of modes in the band with which a fit is tried, in this order
@@ -54,7 +55,7 @@ def require_one_unit(tests: Iterable[Test]) -> None:
 
 
 def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observable]:
-    """Predict how the shaker of each drive changes omega_n and zeta; warn if that fails.
+    """Predict how each drive's shaker changes omega_n and zeta; warn if the prediction fails.
 
     This needs tests of the structure without a shaker's feed as input as well: they determine its
     own omega_n and zeta.
@@ -93,7 +94,7 @@ def _read(test: Test) -> ShakerReading | None:
 
 
 def _feeds(test: Test, drive: str) -> bool:
-    """Return whether the voltage or current fed to a test's shaker is the given drive."""
+    """Return whether a drive is the voltage or the current fed to a test's shaker."""
     return BY_UNIT.get(test.records[0].units.get("input", ""), drive) == drive
 
 

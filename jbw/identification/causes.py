@@ -51,7 +51,7 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
 
 
 def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
-    """Return the further mode that explains most of a misfit, near given frequencies or anywhere.
+    """Return the additional mode that explains most of a misfit, near given frequencies or not.
 
     `places` are the given frequencies [rad/s].
 
@@ -83,7 +83,7 @@ def _misfit(best: Fit, data: Dataset) -> Misfit:
     misfit, scatter = Misfit(spectra, (), theta, slopes), repeatability(data)
 
     def is_missed(label: str) -> bool:
-        """Return whether a residual is correlated, or in a short group large."""
+        """Return whether a residual is correlated or, in a short data group, large."""
         residual = spectra[label].residual
         if len(residual) < 2 * LEAST_VALUES:
             return misfit.error(label) > BY_CHANCE * scatter.get(label, np.inf)
@@ -107,7 +107,7 @@ def causes_sentence(found: Sequence[Cause]) -> str:
 
 
 def _near_optimum(best: Fit, data: Dataset, misfit: Misfit) -> Try:
-    """Return the function that tries a suspected error near the optimum.
+    """Return the function that tests near the optimum how much misfit a suspected error explains.
 
     The residuals of each group are scaled by their rms. Groups without a spectrum come last.
     """
@@ -130,7 +130,7 @@ def _near_optimum(best: Fit, data: Dataset, misfit: Misfit) -> Try:
     basis, factor = np.linalg.qr(np.concatenate(directions))[0], np.concatenate(counted)
 
     def beyond(x: Any) -> Any:
-        """Return columns without their part along the parameters."""
+        """Subtract from columns their projection on the sensitivities to the parameters."""
         return x - basis @ (basis.T @ x)
 
     residual = beyond(np.concatenate(rows))

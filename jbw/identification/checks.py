@@ -247,7 +247,7 @@ def residual_of_fit(checked: CheckedPosterior) -> Outcome:
 
 
 def shape_of_fit(checked: CheckedPosterior) -> Outcome:
-    """Check fit errors against the limit that an observable states for its groups."""
+    """Check fit errors against the largest error allowed by the kind of observable."""
     return Outcome(accuracy.shape_finding(checked.error, checked.data))
 
 
@@ -302,7 +302,7 @@ def of_drives(checked: CheckedPosterior) -> Outcome:
 
 
 def participation(checked: CheckedPosterior) -> Outcome:
-    """Return the statements on how strongly each mode moves the joint."""
+    """Return the statements on how strongly the joint moves in each mode."""
     return Outcome(statements=tuple(participation_sentences(checked.draws, checked.data.modes)))
 
 
@@ -330,7 +330,7 @@ def effects_in(checked: CheckedPosterior) -> Effects | None:
 
 
 def thresholds_reached(checked: CheckedPosterior) -> Outcome:
-    """Return the statements on which thresholds of the laws the tests reach."""
+    """Return the statements on whether the motion in the tests reaches the laws' thresholds."""
     theta = every_parameter(checked.draws, checked.data)
     sentences = threshold_sentences(theta, checked.fitted.y_peak, checked.data.laws)
     return Outcome(statements=tuple(sentences))
@@ -347,7 +347,7 @@ def each_test_left_out(checked: CheckedPosterior) -> Outcome:
 
 
 def left_beyond_noise(checked: CheckedPosterior) -> Outcome:
-    """Return the model discrepancy: the part of the residual that noise does not explain."""
+    """Return the model discrepancy: the part of the residual that exceeds the noise."""
     ready = checked.fitted
     missed = model_discrepancy(ready.fit, ready.box, ready.data, checked.without_each_run)
     finding = discrepancy_finding(missed, ready.data.laws)
@@ -400,7 +400,7 @@ OF_OTHER_TESTS: dict[str, Check] = {
 
 
 def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
-    """Return the checks for hysteresis (or drag in its place) and whether a joint is detected."""
+    """Return the checks for hysteresis (or drag in its place) and for the presence of a joint."""
 
     def hysteresis(checked: CheckedPosterior) -> Outcome:
         return Outcome(seen_hysteresis(added, checked.fitted, misses=misses))
@@ -415,13 +415,13 @@ def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
 
 
 def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Return the finding of no hysteresis, or that drag fits as well; None if neither applies."""
+    """Return the finding that there is no hysteresis, or that drag fits as well; else None."""
     finding = hysteresis_finding(added, ready.y_peak, ready.data.laws, misses=misses)
     return finding or seen_drag(added, ready, misses=misses)
 
 
 def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Return the finding on whether drag fits as well as hysteresis; None if it is no candidate."""
+    """Return the finding on whether drag fits as well as hysteresis; None if drag is not tried."""
     best, data, y_peak = ready.fit, ready.data, ready.y_peak
     zeta = {**data.held, **best.theta}["zeta"]
     if data.modes is not None or not may_be_drag(added, zeta, data.laws):

@@ -88,7 +88,7 @@ def _bounds_of(
 
 
 def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Return the prior bounds of the parameters of all modes except the first."""
+    """Return the prior bounds of the parameters of the second and all later modes."""
     if data.modes is None:
         return {}
     wide = bounds_of(data.modes, estimates, with_joint=bool(data.laws))
@@ -98,7 +98,7 @@ def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, fl
 
 
 def _bounds_of_own_laws(modes: Modes, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Return prior bounds of the laws of all modes except the first."""
+    """Return the prior bounds of the separate laws of the second and all later modes."""
     peaks = np.max([largest for p in data.parts if (largest := p.shown().peaks_of_modes)], axis=0)
     bounds: Bounds = {}
     for mode, (names, peak) in enumerate(zip(modes.names, peaks[1:], strict=True), 2):
@@ -210,7 +210,7 @@ def _require_stiffness(
 def _shared(
     laws: Collection[type[Law]], bounds: Bounds, prior_names: Collection[str], omega_n: float
 ) -> Bounds:
-    """Return lowered upper bounds of the laws' stiffnesses, so that their sum stays possible.
+    """Reduce the upper bounds of the laws' stiffnesses, so that their sum stays possible.
 
     Upper bounds that the campaign does not state are lowered by one factor; stated ones must leave
     room for them.
@@ -287,7 +287,7 @@ def coordinate_box(
 
 
 def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> tuple[Product, ...]:
-    """Return the products of each law's parameters that small motion determines.
+    """Return those products of each law's parameters that small motion determines.
 
     If a law is sampled in other coordinates, its parameters are also returned as products of these.
     Only products of sampled parameters (`names`) are returned.

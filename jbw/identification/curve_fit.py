@@ -38,7 +38,7 @@ class WhiteRows(NamedTuple):
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
-    """Return stiffness and loss of a curve with fixed errors: 2e-4, and 3 % of the largest loss."""
+    """Return stiffness and loss of a curve, with errors of 2e-4 and 3 % of the largest loss."""
     square = curve.omega**2
     unit = float(np.mean(square))
     stiffness, loss = square / unit, 2 * curve.zeta * square / unit

@@ -10,6 +10,7 @@ Then the intervals of a Gaussian are too wide or too narrow, and points are weig
 posterior instead.
 """
 
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import NamedTuple
 
@@ -22,13 +23,16 @@ from jbw.identification.prepare import Fitted
 from jbw.inference.fit.costly_fit import rows_of, to_search
 from jbw.inference.fit.valley import about_valley
 from jbw.inference.generator import generator
+from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers.amis import WeighedPoints, points
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import along_logarithms, in_logarithms, never_zero
 from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
 
 Chains = Float[np.ndarray, "chain draw"]
+Draws = Float[np.ndarray, " draw"]
 DISTANCE = 2.0  # standard deviations from the fit to the tested points
 LEAST, MOST = 1.0, 4.0  # the tested difference, 2 for a Gaussian posterior
 SIZE, MOST_ROUNDS = 256, 12  # points of a round of weighting, and rounds
@@ -110,3 +114,21 @@ def weighted_draws(
     theta = {name: np.asarray(found.theta[name])[rows] for name in prior.names}
     density = found.terms.sum(axis=1)[rows]
     return WeightedDraws((density, theta), effective)
+
+
+def solvable_draws(
+    key: Key[Array, ""], density: Draws, theta: Mapping[str, Draws], data: Dataset
+) -> tuple[Draws, dict[str, Draws]]:
+    """Return draws in which others replace those where the model cannot be solved.
+
+    A Gaussian reaches parameters that no motion belongs to, at which a posterior is zero. A single
+    such draw would leave a prediction without a median.
+    """
+    known = at_points(dataset.log_likelihood, theta, data).sum(axis=1)
+    good = np.flatnonzero(np.isfinite(known))
+    if len(good) in (0, len(known)):
+        return density, dict(theta)
+    rows = np.arange(len(known))
+    bad = np.setdiff1d(rows, good)
+    rows[bad] = generator(key).choice(good, len(bad))
+    return density[rows], {name: values[rows] for name, values in theta.items()}

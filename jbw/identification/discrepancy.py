@@ -26,7 +26,7 @@ smaller amplitudes cannot determine which power applies beyond them. The discrep
 farther above the fitted amplitudes, in the logarithm, than their own range.
 
 Reference:
-    Kennedy and O'Hagan (2001), J. R. Stat. Soc. B 63, 425: a discrepancy beside a calibrated model.
+    Kennedy and O'Hagan (2001), J. R. Stat. Soc. B 63, 425: calibrated models with a discrepancy.
 """
 
 from collections.abc import Mapping, Sequence
@@ -104,7 +104,7 @@ class Discrepancy:
         return not any(scatter.std or scatter.whole for scatter in scatters)
 
     def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
-        """Return the law's errors (standard deviations) at an amplitude [m], or the largest."""
+        """Return the sd of the law's errors at an amplitude [m]; for None the largest sd."""
         grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
         ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
         within = 1.0 if beyond else grown
@@ -129,7 +129,7 @@ class Discrepancy:
         return growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
-        """Return a kind of test's remaining error over its rms response, or else the largest."""
+        """Return a kind of test's remaining error over its rms response; the largest if unknown."""
         shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
         return shares.get(kind, max(shares.values(), default=0.0))
 
@@ -139,7 +139,7 @@ def _at(share: Scatter, missed: AtAmplitude) -> float:
 
 
 def growth(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt g$ on a standard deviation at an amplitude y [m].
+    r"""Return the factor $\sqrt g$ by which a standard deviation grows at an amplitude y [m].
 
     It grows with the logarithm of the amplitude; below the fitted range, where a joint is stuck, to
     three at most.
@@ -163,7 +163,7 @@ def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def outward(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ on the discrepancy; 0 up to $y_{max}$."""
+    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ on the law's error; 0 up to $y_{max}$."""
     if y is None or not 0 < y_low <= y_high < y:
         return 0.0
     grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)

@@ -63,7 +63,7 @@ def effects(
 
 
 def only_damps(found: Effects) -> bool:
-    """Return whether the joint adds damping but leaves the frequency unchanged (99 %)."""
+    """Return whether the joint adds damping but leaves the frequency unchanged (99 % certain)."""
     low, _, high = np.quantile(found.frequency, QUANTILES)
     return bool(low <= 0.0 <= high and np.quantile(found.damping, QUANTILES[0]) > 0.0)
 
@@ -144,7 +144,7 @@ def within_response(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Amendment | None:
-    """Return the amendment that correlated parameters are usable if their effect is determined.
+    """Return the amendment that rates correlated parameters usable if their effect is determined.
 
     The effect is determined if the 99 % intervals of frequency and damping at the largest fitted
     displacement are narrow. Parameters that are open there change no response up to that

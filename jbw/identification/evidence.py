@@ -55,7 +55,7 @@ from jbw.report.messages.laws import IN_FIRST_MODE, OF_EACH_MODE
 
 Laws = tuple[str, ...]
 
-NUM_SAMPLES = 250  # number of draws per group; there are four groups
+NUM_SAMPLES = 250  # number of draws per group (of four)
 # largest number of rounds of points by which the evidence of badly fitting laws is estimated
 MOST_ROUNDS = 24
 # A parameter is at a bound if it is closer to it than this part of the prior's width.
@@ -69,7 +69,7 @@ MOST_TURNS = 2
 # A law does not fit at all (is hopeless) if its largest likelihood is this many nats below that of
 # the best law, and its error this many times as large.
 FAR_BELOW, FAR_OFF = 100.0, 2.0
-FEW_DRAWS = 50  # number of draws per group for a law that is judged only by its fit
+FEW_DRAWS = 50  # number of draws per group, for a law that is judged only by its fit
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
 
 
 def alike(settings: Identify) -> Identify:
-    """Return settings that treat all laws equally: same parametrisation, same run scatter.
+    """Return settings that treat all laws equally: same parametrisation, same scatter of runs.
 
     Softening and the runs' offsets are correlated: with a wide prior, offsets could replace all
     softening.
@@ -257,7 +257,7 @@ def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
 
 
 def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparametrisation]:
-    """Draw a candidate law's posterior with its evidence, and coordinates near the draws.
+    """Draw a candidate law's posterior with its evidence; return also coordinates near the draws.
 
     The number of points is limited. If their weights cannot be trusted, the other coordinates are
     tried too.
@@ -293,7 +293,7 @@ def likelihood_at(best: Fit, data: Dataset) -> float:
 
 
 def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> set[str]:
-    r"""Return the names of candidates whose evidence cannot reach that of the best law.
+    r"""Return the names of candidate laws whose evidence cannot reach that of the best law.
 
     $$\log Z = \log \int L\,\pi \le \log L_{max}$$
 
@@ -311,7 +311,7 @@ def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> se
 
 
 def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
-    """Return Gaussian draws about the fit of a hopeless candidate.
+    """Return draws from the Gaussian approximation at the fit of a hopelessly wrong candidate.
 
     These are no posterior draws. A draw at which a solve fails is moved to the fit.
     """
@@ -332,7 +332,7 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
 
 
 def place_of(best: Fit, one: Candidate) -> Reparametrisation:
-    """Return sampling coordinates near a fit, along a direction that the data leave open."""
+    """Return sampling coordinates near a fit, with an axis along an undetermined direction."""
     prior, optimum = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
         return along_ridge(*optimum, prior)

@@ -96,12 +96,12 @@ def fit_from(
     *,
     alone: bool = False,
 ) -> Fit:
-    """Fit all parameters by least squares, from known values and from the most likely points.
+    """Fit all parameters by least squares, starting from known values and from likely points.
 
-    If all values are known, as after the paper's steps, the fit starts there. Otherwise the
-    likelihood of many points is evaluated, which costs less than one fit, and the fit starts at the
-    best of them. If it does not explain the data, further starts are tried unless `alone`, and the
-    best of them are continued.
+    If all values are known, as after the steps of Teloli et al., the fit starts there. Otherwise
+    the likelihood of many points is evaluated, which costs less than one fit, and the fit starts at
+    the best of them. If it does not explain the data, further starts are tried unless `alone`, and
+    the best of them are continued.
     """
     ends: list[Fit] = []
     if set(prior.names) <= known.keys():
@@ -125,7 +125,7 @@ def fit_from(
 
 
 def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
-    """Return the better of a fit and of fits beyond a law's threshold, such as macroslip."""
+    """Return the best of a fit and fits on other sides of a law's threshold, such as macroslip."""
     ends = by_rounds(other_sides(best, prior, data), prior, data)
     return with_waterfall(max([best, *ends], key=log_evidence), [best, *ends])
 
@@ -158,7 +158,7 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
 
 
 def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
-    """Continue unfinished fits until one explains the data; return all, the best first."""
+    """Continue unfinished fits until one explains the data; return all fits, the best first."""
     num = ROUNDS[-1][0]
     finished, stopped = list(ends[:num]), list(ends[num:])
     for place, end in enumerate(stopped):
@@ -202,7 +202,7 @@ def screened(
 
 
 def middle_but(known: Mapping[str, float], prior: Box) -> dict[str, float]:
-    """Return the middle of the prior bounds, with known values where there are any."""
+    """Return the middle of the prior bounds, but known values for the parameters that have one."""
     middle = from_unit(np.full(len(prior.names), 0.5), prior)
     return {name: known.get(name, float(middle[name])) for name in prior.names}
 

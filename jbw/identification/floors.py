@@ -28,7 +28,7 @@ CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}
 
 
 def scatter_of_means(data: Dataset) -> float | None:
-    r"""Return the relative standard error of the mean of K repeats, $s / \sqrt K$, or None.
+    r"""Return the relative standard error of the mean of K repeats, $s / \sqrt K$; None if K = 1.
 
     This is the root mean square over the groups. The residual of a fit refers to that mean.
     """

@@ -130,7 +130,7 @@ def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = 
 
 
 def by_stated_gain(best: Fit, data: Dataset) -> dict[str, float]:
-    """Return the derivative of each parameter by the log of a stated gain, if one is stated."""
+    """Return each parameter's derivative with respect to the logarithm of a stated gain."""
     gains = [name for name in data.held if plain(name) in GAINS]
     if not gains:
         return {}
@@ -212,6 +212,6 @@ def as_recorded(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
 def spread_of(
     rows: Mapping[str, Mapping[str, float]], wide: Mapping[str, Mapping[str, float]]
 ) -> dict[str, dict[str, float]]:
-    """Return summary rows with mean, standard deviation and interval of the widened draws."""
+    """Return summary rows with the mean, sd and interval that include instrument errors."""
     keys = ("mean", "sd", "cv", "q005", "q995")
     return {name: {**row, **{key: wide[name][key] for key in keys}} for name, row in rows.items()}

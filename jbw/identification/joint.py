@@ -62,7 +62,7 @@ class JointProblem:
 
     data: Dataset  # all fitted tests, reduced
     settings: Identify
-    # starting values from the paper's steps
+    # starting values from Steps 2 to 4
     known: Mapping[str, float] = field(default_factory=dict)
     readings: Readings = NOTHING  # results of single-mode fits, for several joints
     tests: tuple[Test, ...] = ()  # tests, whose sources determine the units of gains
@@ -91,7 +91,7 @@ class JointPosterior:
 def joint_problem(
     seen: Measured, known: Mapping[str, float], *, seed: int, report: Report
 ) -> JointProblem:
-    """Assemble a campaign's data with starting values from the paper's steps or single modes.
+    """Assemble a campaign's data with starting values from Steps 2 to 4 or from single modes.
 
     Raises:
         DataError: If no test is left to fit the joint to.
@@ -181,7 +181,7 @@ def names_of_laws(data: Dataset) -> set[str]:
 
 
 def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
-    """Return the paper's estimates by the parameter names of the noise test's drive."""
+    """Return the estimates of Step 2, renamed to the parameters of the noise test's drive."""
     drive = next((part.drive for part in data.parts if part.is_linear), "")
     is_attached = drive in attached(data.parts)
     return {

@@ -141,7 +141,7 @@ def _words(unit: str, meaning: str) -> dict[str, str]:
 
 
 def _shares(parts: Float[np.ndarray, "joint mode draw"]) -> Float[np.ndarray, "joint mode draw"]:
-    """Return each joint's contribution over the sum of all joints; NaN where the sum is zero."""
+    """Return each joint's contribution as a share of the sum of all joints; NaN if this is zero."""
     total = parts.sum(axis=0)
     return parts / np.where(total != 0, total, np.nan)
 
@@ -223,7 +223,7 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
 
 
 def _shape_words(group: xr.Dataset) -> list[str]:
-    """Return sentences on the factors of joint motion, if the model's shapes are uncertain."""
+    """Return sentences on the factors on joint motion, if the model's shapes are uncertain."""
     if "motion_factor" not in group:
         return []
     factors = group["motion_factor"]

@@ -172,7 +172,7 @@ def _backbones(
 def _with_free_shape(
     backbones: Sequence[ModalBackbone], stiffness: Float[np.ndarray, " joint"]
 ) -> ModeNumbers:
-    """Return frequency, damping and joint contributions, with shapes that follow the amplitude."""
+    """Return frequency, damping and each joint's part, with mode shapes that follow amplitude."""
     omega, zeta, q, x, r = (
         np.stack([getattr(curve, name) for curve in backbones])
         for name in ("omega", "zeta", "q", "x", "r")
@@ -192,7 +192,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Return frequency, damping and joint contributions in the fully stuck mode shapes."""
+    """Return frequency, damping and each joint's part, with the fully stuck mode shapes."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}
@@ -224,7 +224,7 @@ def _in_full_stick(
 
 
 def _in_deviations(theta: Mapping[str, np.ndarray]) -> Float[np.ndarray, "draw parameter"]:
-    """Return steps from the first draw in standard deviations (of logarithms, if positive)."""
+    """Return the draws minus the first one, in standard deviations (of logs if positive)."""
     columns = [np.log(draws) if np.all(draws > 0) else draws for draws in theta.values()]
     steps = np.stack([column - column[0] for column in columns], axis=-1)
     return steps / np.maximum(np.std(steps, axis=0), np.finfo(float).tiny)
@@ -235,7 +235,7 @@ def _ratios(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, "... draw"]:
-    """Extend ratios that are known for some draws to all draws, linearly.
+    """Extend ratios that are known only for some draws linearly to all draws.
 
     The result is clipped to the range of the known ratios. It is one if the first ratio is unknown.
     """
@@ -250,7 +250,7 @@ def _linear(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, " draw"]:
-    """Extend one ratio that is known for some draws to all draws."""
+    """Extend one ratio that is known only for some draws linearly to all draws."""
     if not np.isfinite(ratios[0]):
         return np.ones(len(steps))
     is_known = np.isfinite(ratios)
@@ -271,10 +271,11 @@ class _DrivenJoints(eqx.Module):
 def _by_first_order(
     theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
 ) -> Float[np.ndarray, "two joint *mode_level draw"]:
-    r"""Linearise stiffness loss K and losses L at a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$.
+    r"""Linearise the joints' stiffness loss K and losses L at a fit, for all draws.
 
-    The f_i are the derivatives by the parameters. Steps delta are those of the logarithms, times
-    the fitted value, for parameters that are always positive.
+    $f(\hat\theta) + \sum_i f_i\,\delta_i$, where f_i are the derivatives with
+    respect to the parameters. Steps delta are those of the logarithms, times the fitted value, for
+    parameters that are always positive.
     """
     fit = {name: float(best_theta[name]) for name in theta}
     value, slopes = jax.device_get(_about(jax.device_put(fit), driven))
@@ -290,7 +291,7 @@ def _by_first_order(
 def _about(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> tuple[Float[Array, "two joint mode level"], dict[str, Float[Array, "two joint mode level"]]]:
-    """Return the joints' stiffness loss K and losses L at a point, with derivatives."""
+    """Return the joints' stiffness loss K and losses L at a parameter point, with derivatives."""
     return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
 
 

@@ -27,7 +27,7 @@ from scipy.special import softmax
 from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.checks import Checks, seen_hysteresis
-from jbw.identification.curved import WeightedDraws, is_curved, weighted_draws
+from jbw.identification.curved import WeightedDraws, is_curved, solvable_draws, weighted_draws
 from jbw.identification.equivalent import effects
 from jbw.identification.free_decays import FreeDecays, decays_in
 from jbw.identification.gain_units import with_gain_units
@@ -57,7 +57,7 @@ from jbw.report.messages import stages
 NUM_CHAINS, NUM_DRAWS = 4, 1000  # numbers of chains and of draws, as in a sampled posterior
 Points = Float[np.ndarray, "draw parameter"]
 SPARE = 8  # factor on the number of points, so that enough of them lie within the prior bounds
-NOTHING = 1e-9  # factor on the standard deviation between runs, with which there are no offsets
+NOTHING = 1e-9  # factor that makes offsets between runs vanish
 LEAST = 12.0  # inverse variance of the prior, in units of its squared width
 
 
@@ -95,18 +95,24 @@ def about_fit(
     If `weighs`, weighted points replace the Gaussian where the posterior is curved.
     """
     started = perf_counter()
-    weighted = None
-    if weighs and is_curved(ready):
-        weighted = weighted_draws(key, ready, NUM_CHAINS, NUM_DRAWS)
-    tree = with_gain_units(laplace_tree(key, ready, weighted), seen.tests)
+    curved = weighs and is_curved(ready)
+    weighted = weighted_draws(key, ready, NUM_CHAINS, NUM_DRAWS) if curved else None
+    draws = laplace_draws(key, ready) if weighted is None else weighted.draws
+    if curved and weighted is None:
+        draws = solvable_draws(key, *draws, ready.data)
+    tree = with_gain_units(laplace_tree(ready, draws, weighted), seen.tests)
     joint = JointPosterior("joint", tree, ready, ready.wall_s + perf_counter() - started)
     in_fit = None if seen.decays is None else decays_in(ready.data)
     return Posteriors(joint, checks_of_fit(joint, weighted), FreeDecays(in_fit))
 
 
-def laplace_tree(key: Key[Array, ""], ready: Fitted, weighted: WeightedDraws | None) -> xr.DataTree:
+def laplace_tree(
+    ready: Fitted,
+    draws: tuple[np.ndarray, Mapping[str, np.ndarray]],
+    weighted: WeightedDraws | None,
+) -> xr.DataTree:
     """Return weighted or Gaussian draws about a fit in the groups of a sampler's result."""
-    lp, theta = laplace_draws(key, ready) if weighted is None else weighted.draws
+    lp, theta = draws
     meant = messages.LOG_DENSITY if weighted is None else messages.LOG_LIKELIHOOD
     low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
     dims, shape = ("chain", "draw"), (NUM_CHAINS, NUM_DRAWS)
@@ -219,7 +225,7 @@ def laplace_draws(
 
 
 def gaussians_about(ready: Fitted) -> list[Gaussian]:
-    r"""Return the fit's Gaussian; with run offsets, one for each possible scatter of offsets.
+    r"""Return the Gaussian at a fit; with run offsets, one for each possible scatter of them.
 
     $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
       P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$
@@ -296,7 +302,7 @@ def _covariance_of_offsets(
 
 
 def not_sampled(weighted: WeightedDraws | None) -> Finding:
-    """Return the finding that a first answer's posterior was not sampled, and what it is."""
+    """Return the finding that a quick answer's posterior was not sampled, and what replaces it."""
     effective = None if weighted is None else weighted.effective
     values = {"intervals": messages.intervals_of_fit(effective)}
     return Finding("not_sampled", "not assessed", values, float("nan"))

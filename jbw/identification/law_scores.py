@@ -113,7 +113,7 @@ def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
-    """Return factors that restore the likelihood terms of held-out data groups, or None.
+    """Return factors that restore the likelihood terms of held-out data groups; None if impossible.
 
     The factors lead from the terms of `rest`, where these groups are silenced, to those of `data`.
 
@@ -175,7 +175,7 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
 
 
 def _error_of(piece: HeldOut, candidate: Candidate) -> float:
-    """Return the relative error of held-out data groups; runs have own natural frequencies."""
+    """Return the relative error of held-out data groups; each run has its own omega_n."""
     fitted = candidate.fitted
     errors = errors_with_own_frequency(piece.fit, fitted.box, fitted.data)
     return rms([errors[label] for label in piece.labels if label in errors])

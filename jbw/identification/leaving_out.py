@@ -161,7 +161,7 @@ def leave_one_out(
 
 
 def _gained(best: Fit, piece: HeldOut, prior: Box) -> float:
-    """Return by how much chi-square of the other runs falls in a fit without one run."""
+    """Return by how much chi-square of the other runs falls if one run is held out of the fit."""
     before = float(np.sum(residual_at(stacked, best.x, prior, piece.rest) ** 2))
     return max(before - 2 * piece.fit.cost, 0.0)
 
@@ -349,7 +349,7 @@ def _mode_sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> 
 
 
 def error_alone(key: Key[Array, ""], decays: Decays) -> float:
-    """Fit a separate joint to one mode's decays; return the relative error."""
+    """Fit a separate joint to the decays of one mode; return the relative error of that fit."""
     data, estimates = Dataset.of([decays], {"gain": 1.0}), decays.shown().first_values()
     prior = box_of(Identify(), data, estimates)
     estimates = {**estimates, **from_amplitude_curve(key, data, prior, {})}

@@ -1,4 +1,4 @@
-"""Step 2 of the paper: natural frequency, damping and gain from an FRF, with covariance."""
+"""Step 2 of Teloli et al.: natural frequency, damping and gain from an FRF, with covariance."""
 
 import warnings
 from collections.abc import Sequence

@@ -68,7 +68,7 @@ class FittedLines:
     """The optimum of a weighted least-squares fit to lines of FRFs."""
 
     theta: Real
-    jacobian: Complex  # derivative of the model by theta
+    jacobian: Complex  # derivative of the model with respect to theta
     variance: Real  # variance of the lines, which gives the weights
     covariance: Real  # covariance of theta
     chi_square: float
@@ -118,7 +118,7 @@ def _floored(variance: Real, data: Complex, num_outputs: int) -> Real:
 
 
 def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
-    """Return the residual power of each output over its variance, to scale unknown noise."""
+    """Return each output's residual power relative to its variance, to scale unknown noise."""
     num = len(lines.outputs)
     # part of the values that are degrees of freedom
     free = 1 - lines.num_parameters / (2 * len(residual))
@@ -133,20 +133,20 @@ def modes_by_output(lines: FRFLines, theta: Real) -> list[Modes]:
 
 
 def terms(part: FRF, count: int) -> Complex:
-    """Return the model columns of the residual terms U and L, in the measured response."""
+    """Return the columns by which the residual terms U and L enter the measured response."""
     inverse_square = (part.omega.mean() / part.omega) ** 2
     return np.array([to_measured(part), to_measured(part) * inverse_square])[:count]
 
 
 def mode_lines(part: FRF, mode: tuple[float, float, float], smear: bool) -> Complex:
-    """Return the lines of the measured response that one mode causes."""
+    """Return the spectral lines of the measured response that one mode causes."""
     if smear:
         return smeared(part.omega, *mode, part.window_s, derivative_order(part.response))
     return receptance(part.omega, *mode) * to_measured(part)
 
 
 def model_of(lines: FRFLines) -> Callable[[Real], Complex]:
-    """Return the function from parameters to lines in the measured response, output by output."""
+    """Return a function that computes the spectral lines of all outputs from the parameters."""
     extra = [terms(part, lines.num_residuals) for part in lines.outputs]
     modal = lines.num_modes * lines.width
 

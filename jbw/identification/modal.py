@@ -149,7 +149,7 @@ def _has(poles: Real, pole: Real) -> bool:
 
 
 def _staying(poles: Real) -> tuple[Real, Real]:
-    """Return the medians of groups of stable poles, with the sizes of the groups."""
+    """Return the medians of groups of stable poles, with the number of poles in each group."""
     remaining, groups = poles, []
     while len(remaining):
         # The group surrounds the pole with the most close neighbours.
@@ -237,7 +237,7 @@ class ModalFit:
 
     @property
     def theta(self) -> Real:
-        """The vector of the covariance: omega, zeta, then the residues mode by mode."""
+        """The parameters to which the covariance belongs: omega, zeta, then residues by mode."""
         return np.concatenate([self.omega, self.zeta, self.residues.ravel()])
 
     @property
@@ -373,7 +373,7 @@ def _enough(lines: FRFLines) -> None:
 
 
 def _projected(lines: FRFLines, starts: Real) -> Real:
-    """Fit the poles; the residues follow by linear least squares for any poles."""
+    """Fit the poles alone: for any poles, the best residues follow by linear least squares."""
     weights = np.split(np.sqrt(2 / observed_variance(lines)), len(lines.outputs))
     data = [part.h * to_measured(part) for part in lines.outputs]
     extra = [terms(part, lines.num_residuals) for part in lines.outputs]
@@ -384,7 +384,7 @@ def _projected(lines: FRFLines, starts: Real) -> Real:
         return np.column_stack([omega, starts[:, 1] * np.exp(log_ratio)])
 
     def linear(poles: Real) -> tuple[list[Real], Real]:
-        """Return the best residues and terms for given poles, with the residual."""
+        """Return the best residues and residual terms for given poles, with the residual."""
         coefficients, residuals = [], []
         for part, weight, h, term_columns in zip(lines.outputs, weights, data, extra, strict=True):
             modal = [mode_lines(part, (omega, zeta, 1.0), lines.smear) for omega, zeta in poles]
@@ -420,7 +420,7 @@ def _stacked(rows: NDArray[np.complex128]) -> Real:
 
 
 def _typical(lines: FRFLines, start: Real) -> Real:
-    """Return typical sizes of all parameters of a modal fit, for scaling."""
+    """Return typical sizes of all parameters of a modal fit, by which they are scaled."""
     modal = lines.num_modes * lines.width
     blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
     blocks[:, 2:] = np.maximum(blocks[:, 2:], 0.1 * blocks[:, 2:].max(axis=0))

@@ -91,7 +91,7 @@ from jbw.report.messages import discrepancy as messages
 
 # If chance has a smaller probability, frequency shifts and residuals are errors of the law.
 BY_CHANCE = 0.01
-NO_OFFSET = 1e-9  # factor on the standard deviation between runs, with which there are no offsets
+NO_OFFSET = 1e-9  # factor that makes offsets between runs vanish
 # Smallest number of fits without single runs: with fewer, each fit has only one or two levels, and
 # its derivatives do not give the errors of its parameters.
 FEWEST_FITS = 3
@@ -108,7 +108,7 @@ class NoiseSquares(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """The squared residual after shifts of frequency and damping, and its mean by chance."""
+    """The squared residual after shifts of frequency and damping, and its expected value."""
 
     square: float
     mean: float
@@ -117,7 +117,7 @@ class Rest(NamedTuple):
 
     @property
     def is_by_chance(self) -> bool:
-        """Whether chance causes such a sum of squares in more than 1 % of cases."""
+        """Whether chance causes so large a squared residual in more than 1 % of cases."""
         if self.mean <= 0:
             return self.square <= 0
         scale = self.variance / (2 * self.mean)
@@ -200,7 +200,7 @@ def missed_in_all(
     grown: Float[np.ndarray, " run"],
     num_fits: int,
 ) -> float:
-    r"""Return $\tau_0$, the whole error of the law on runs not fitted, beyond noise.
+    r"""Return $\tau_0$, the law's whole error beyond noise on runs that were not fitted.
 
     $$\tau_0^2 = \Bigl(\frac{t_{m, 0.995}}{z_{0.995}}\Bigr)^2\,
       \mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
@@ -247,7 +247,7 @@ def scatter_about_zero(
 
 
 def widened(num_runs: int) -> float:
-    r"""Return the factor on a variance that n runs determine, $(t_{n, 0.995} / z_{0.995})^2$.
+    r"""Return the factor that widens a variance from n runs, $(t_{n, 0.995} / z_{0.995})^2$.
 
     At least three degrees of freedom are used. With the factor, the 99 % band of a normal
     distribution is that of Student's t.
@@ -419,7 +419,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
 def _shown_by(
     run: str, fit: Fit, slopes: Slopes, prior: Box, noise: NoiseOf, natural: float
 ) -> LeftOutRun:
-    """Return the discrepancy of a run at the fit without it; for decays relative to their start."""
+    """Return the discrepancy of a held-out run, for decays relative to their own beginning."""
     of_run = left_out_run(run, fit, slopes, prior, noise)
     decay = _drift(run, fit, slopes.data)
     return of_run if decay is None else by_drift(of_run, decay, natural)
@@ -593,7 +593,7 @@ def _labels_of(run: str, data: Dataset) -> list[str]:
 def _end_to_end(
     rows: Float[np.ndarray, "all ..."], labels: Sequence[str], data: Dataset
 ) -> Float[np.ndarray, "some ..."]:
-    """Return the values of given data groups as one array."""
+    """Return the values of given data groups as one long array."""
     labelled = by_label(rows, data)
     return np.concatenate([labelled[label] for label in labels])
 
@@ -664,7 +664,7 @@ def _rest(
     fraction: float,
     uncertain: Inexact[np.ndarray, "value parameter"] | None = None,
 ) -> Rest:
-    r"""Return a squared residual, its mean $N n + |M|^2$, and the variance of the difference."""
+    r"""Return a squared residual, its expected value $N n + |M|^2$, and its variance."""
     moved = np.zeros((len(row), 0)) if uncertain is None else uncertain
     real = real_rows(moved)
     count, of_errors, products = _count(row), float(np.sum(real**2)), real.T @ real
@@ -675,7 +675,7 @@ def _rest(
 
 
 def _over(rest: Rest, size: float) -> Rest:
-    """Return squared residuals relative to the square of a response."""
+    """Return squared residuals relative to the squared size of a response."""
     square, mean, variance, noise = rest
     return Rest(square / size, mean / size, variance / size**2, noise / size)
 

@@ -72,7 +72,7 @@ def likely(
 
 
 def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
-    r"""Return the finding on whether the joint fits better than none, by a likelihood-ratio test.
+    r"""Return the finding on whether a joint is detected, by a likelihood-ratio test.
 
     $$\chi^2_{without} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 
@@ -92,7 +92,7 @@ def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
 
 
 def may_be_absent(added: Effects) -> bool:
-    """Return whether the joint's change of frequency is within 5 standard deviations of zero."""
+    """Return whether the joint's change of frequency differs from zero by less than 5 sd."""
     return bool(abs(np.median(added.frequency)) < FAR * np.std(added.frequency))
 
 

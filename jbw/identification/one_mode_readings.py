@@ -43,14 +43,14 @@ under_way = logging.getLogger("jbw.progress")
 
 
 class Readings(NamedTuple):
-    """Starting values of the laws of several joints, with sentences on a test of the joints."""
+    """Starting values of several joints' laws, and sentences on whether they explain the modes."""
 
     known: dict[str, float]
     statements: tuple[str, ...]
 
 
 class _Reading(NamedTuple):
-    """The two numbers s and o that one mode determines, with standard errors and largest slip."""
+    """The softening s and the loss o that one mode determines, with standard errors and slip."""
 
     value: Float[np.ndarray, " product"]
     std: Float[np.ndarray, " product"]
@@ -115,7 +115,7 @@ def _source(test: Test) -> np.ndarray:
 
 
 def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: Modes) -> _Reading:
-    """Fit one law to a sweep through a mode; return s = alpha delta |c|, o = alpha gamma |c|."""
+    """Fit one law to a sweep through a mode; return s = alpha delta |c| and o = alpha gamma |c|."""
     numbers = dict(modes.numbers)
     c = numbers[seen_name(mode + 1)]
     gain = None if drive_of(test) in FED else numbers[numbered(PUSH, mode + 1)] * c
@@ -133,13 +133,13 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
 
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the small-motion numbers s and o for unit motion of the mode."""
+    """Return the softening alpha delta and the loss alpha gamma at small motion of a mode."""
     s, o = BoucWenLaw.of(theta).weak_motion()
     return {"s": jnp.asarray(s), "o": jnp.asarray(o)}
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
-    """Return starting values of every joint's law, with half of the stuck joint's stiffness."""
+    """Return starting values of all joints' laws, each with half the stuck joint's stiffness."""
     numbers, first = dict(modes.numbers), {}
     for k, name in enumerate(laws):
         joints = split(name)[1]

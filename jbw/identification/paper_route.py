@@ -1,4 +1,4 @@
-"""The paper's own sequence of steps for a campaign, each with earlier results fixed."""
+"""The sequence of steps of Teloli et al. for a campaign, each with earlier results fixed."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -22,11 +22,11 @@ PAPER_LAW = "bouc_wen"  # the law of Steps 3 and 4
 
 @dataclass(frozen=True)
 class PaperRoute:
-    """Steps 3 and 4 of the paper, if the tests of a campaign allow them."""
+    """Steps 3 and 4 of Teloli et al., if the tests of a campaign allow them."""
 
     kernel: step3.KernelFit | None = None  # fit of the kernel; None without probing tones
     steps: Mapping[str, Step] = field(default_factory=dict)  # posteriors, by name
-    statements: tuple[str, ...] = ()  # sentences on what these steps say about other laws
+    statements: tuple[str, ...] = ()  # sentences on the use of these steps for other laws
 
     @property
     def means(self) -> dict[str, float]:
@@ -38,7 +38,7 @@ class PaperRoute:
 def paper_route(
     seen: Measured, keys: Iterator[Key[Array, ""]], report: Report, keep: Keep
 ) -> PaperRoute:
-    """Perform Steps 3 and 4 if a noise test, probing tones and the law allow them.
+    """Perform Steps 3 and 4 if noise test, tones at a third of the resonance, and law allow it.
 
     A step that the tests do not allow is omitted with a message, or raises an error if settings are
     strict.
@@ -61,7 +61,7 @@ def paper_route(
 
 
 def paper_words(seen: Measured) -> tuple[str, ...]:
-    """Return the sentences on the paper's Steps 3 and 4, if these do not suit the laws."""
+    """Return the sentences on Steps 3 and 4 of Teloli et al., if these do not suit the laws."""
     if seen.linear is None or not seen.probing:
         return ()
     others = " and ".join(name for name in seen.laws if name != PAPER_LAW)

@@ -45,7 +45,8 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 MOST_SUBSTEPS = 64
-NEAR = 1e-3  # factor on the steps of a fit, for which even a curved posterior is nearly straight
+# factor on steps from a fit: so close to it, even a curved posterior is nearly Gaussian
+NEAR = 1e-3
 # If the solver's error is below this part of the allowed one, the steps are short enough.
 AMPLE = 0.5
 MOST_ROUNDS = 8  # largest number of rounds of fit and weighting

@@ -1,11 +1,12 @@
 """The choice of a law from quick fits, if a campaign states none.
 
 The exponents with which frequency and damping depend on amplitude propose laws before anything is
-fitted. The proposals are fitted in turn, those with the fewest parameters first, until one leaves
-white residuals. If none does, the law with the smallest error is chosen.
+fitted. The proposals are fitted in turn, those with the fewest parameters first, then others with
+the same kind of force, until one leaves white residuals. If none does, the law with the smallest
+error is chosen.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,37 +18,62 @@ from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.first_fit import first_fit
 from jbw.inference.fit.fitting import Fit
+from jbw.measurement.readings.statement import KINDS_OF_FORCE
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import law_named
+from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import laws as messages
 
 # An earlier proposal is preferred if its error is at most this multiple of the least error.
 AS_GOOD = 1.05
 
 
+# If the error of a fit from one start is larger by this factor, the law gets no further starts.
+NEAR = 2.0
+
+
+def candidates(read: Sequence[str]) -> tuple[str, ...]:
+    """Return the laws to fit, in this order, given those that frequency and damping suggest.
+
+    The proposals and the default law come first, those with the fewest parameters before the
+    others. Other laws with a force of the same kind follow, because a measured exponent may exclude
+    the right law. If `read` is empty, the default law comes first, and all others follow.
+    """
+
+    def by_size(laws: Iterable[str]) -> list[str]:
+        return sorted(dict.fromkeys(laws), key=lambda law: len(law_named(law).table))
+
+    kinds = [kind for kind in KINDS_OF_FORCE if not read or set(kind) & set(read)]
+    others = by_size(law for kind in kinds for law in kind)
+    return tuple(dict.fromkeys([*by_size([*read, *DEFAULT_LAWS]), *others]))
+
+
 class ChosenLaw(NamedTuple):
-    """The tests under the chosen law, its fitted parameters (empty without a fit), a sentence."""
+    """The tests under the chosen law, its fit (empty if none was made), and a sentence on it."""
 
     measured: Measured
     theta: dict[str, float]
     sentence: str
 
 
-def chosen(seen: Measured, laws: Iterable[str], seed: int, report: Report) -> ChosenLaw:
+def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> ChosenLaw:
     """Fit laws in turn until one leaves white residuals; choose it, or the one that fits best.
+
+    If no fit from one start leaves white residuals, the laws with the smaller errors get all
+    starts.
 
     Args:
         seen: Tests under any law.
-        laws: Proposed laws; of those with equally many parameters the first is tried first.
+        laws: Names of the laws, in the order of the fits.
         seed: Random seed.
         report: Function that is called with one sentence at every stage.
     """
     fits: dict[str, dict[str, float]] = {}
     errors: dict[str, float] = {}
     is_white = False
-    by_size = sorted(laws, key=lambda law: len(law_named(law).table))
-    # If no fit from one start leaves white residuals, each law gets all starts.
-    for law, alone in [(law, True) for law in by_size] + [(law, False) for law in by_size]:
+    for law, alone in [(law, True) for law in laws] + [(law, False) for law in laws]:
+        if not alone and errors.get(law, np.inf) > NEAR * min(errors.values(), default=np.inf):
+            continue
         report(messages.trying(law))
         tried = assemble(replace(seen, laws=(law,)))
         try:

@@ -82,7 +82,7 @@ def shown_terms(
     best: Fit, prior: Box, data: Dataset, settings: Identify, refit: Refit
 ) -> Taken | None:
     """Add the residual terms that a fit needs, and fit again; return None if none is needed."""
-    # With several points, a term would belong to none of them.
+    # With several measured points, a term could not be assigned to one of them.
     several = data.modes is not None and data.modes.points
     if several or "omega_n" not in data.held | best.theta:
         return None
@@ -149,13 +149,13 @@ def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float,
 
 
 def _falls(before: Fit, after: Fit, growth: float = GROWTH) -> bool:
-    """Return whether chi-square falls clearly: by more than `growth` and by a tenth."""
+    """Return whether chi-square falls clearly: by more than `growth` and by more than a tenth."""
     gained = 2 * (before.cost - after.cost)
     return gained > growth and gained > SHARE * 2 * before.cost
 
 
 def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
-    """Return whether data that may take residual terms have correlated residuals."""
+    """Return whether data that may have residual terms have correlated residuals."""
     residuals = residual_by_label(best.residual, data)
     labels = (
         label for part in data.parts if part.residuals in takers for label in part.groups.labels

@@ -85,8 +85,8 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
 
     None if fewer than two runs determine their offsets.
     """
-    # Each row depends on one drive only, so the sum over drives is the derivative by the run's
-    # offset.
+    # Each row depends on one drive only, so the sum over drives is the derivative with respect to
+    # the run's offset.
     columns = [[i for i, n in enumerate(names) if plain(n) == name] for name in OFFSETS]
     if not all(columns):
         return None
@@ -132,7 +132,7 @@ def wanted(shifts: Shifts, settings: Identify) -> bool:
 
 
 def are_levels(data: Dataset) -> bool:
-    """Return whether each run is one level of a single assembly, as no run is stated."""
+    """Return whether every run is one level of a single assembly, as no run is stated."""
     pairs = (
         (x, run)
         for part in data.parts
@@ -142,7 +142,7 @@ def are_levels(data: Dataset) -> bool:
 
 
 def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | None:
-    r"""Return how zeta varies between repeats of a level [-]: 0 by chance, None without repeats.
+    r"""Return the sd of zeta between repeats of a level: 0 if chance explains it, None without any.
 
     $$Q = \sum_l \sum_{r \in l} \frac{(b_r - \bar b_l)^2}{\sigma_r^2}, \qquad
       \tau^2 = \frac{Q - \mathrm{dof}}{\sum_l (W_l - \sum_{r \in l} w_r^2 / W_l)}$$
@@ -168,7 +168,7 @@ def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | No
 def moments_of(
     offset: Float[np.ndarray, " run"], std: Float[np.ndarray, " run"]
 ) -> tuple[float, float]:
-    r"""Return chi-square of the runs about their mean, and its derivative by their variance.
+    r"""Return the runs' chi-square, and its derivative with respect to the variance between runs.
 
     $$Q = \sum_r w_r (b_r - \bar b)^2, \qquad W - \sum_r w_r^2 / W, \quad w_r = 1 / \sigma_r^2$$
     """
@@ -206,7 +206,7 @@ def sizes_of_runs(part: Observable) -> dict[str, float]:
 
 
 def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
-    """Return how zeta varies between levels (relative), from repeats; None if runs are stated."""
+    """Return the relative sd of zeta between levels, from repeats; None if runs are stated."""
     if not are_levels(data):
         return None
     repeats = scatter_of_repeats(shifts, sizes_of(data)) or 0.0
@@ -278,7 +278,7 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
 
 
 def _drawn(keys: Key[Array, " draw"], estimate: Estimate, data: Dataset) -> Spread:
-    """Draw the standard deviations between runs, and their offsets, for every random key."""
+    """Draw the standard deviations between runs and the runs' offsets, for every random key."""
     return _spreads(keys, jax.device_put(estimate), data.levels, data.scatters)
 
 

@@ -44,7 +44,7 @@ def linear_test(tests: Sequence[Test]) -> Test | None:
 
 
 def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
-    """Return single-tone tests near a third of the natural frequency, for Step 3."""
+    """Return the single-tone tests near a third of the natural frequency, for Step 3."""
     low, high = (part * natural_hz for part in THIRD)
     single = [test for test in tests if test.is_single_tone and low < test.tones_hz[0] < high]
     return tuple(sorted(single, key=lambda test: test.tones_hz[0]))

@@ -32,7 +32,7 @@ class ShakerReading:
 
 
 def tells_shaker(test: Test) -> bool:
-    """Return whether a test has voltage, force and drive point, which identify its shaker."""
+    """Return whether a test has the voltage, force and drive point that identify its shaker."""
     return bool(test.records) and set(ROLES) <= set(test.records[0].channels)
 
 
@@ -109,7 +109,7 @@ def _modes(
 def _driven(
     voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the band widened by 1.5 times its width on each side, if the voltage drives it.
+    """Return the band, widened by 1.5 of its widths on each side where the voltage drives it.
 
     It is widened by at most an octave, because noise of a sensor at low frequencies is a large
     displacement.

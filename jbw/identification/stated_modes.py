@@ -83,7 +83,7 @@ def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
 
 
 def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Test, ...]:
-    """Return tests with separate residual constants, if the campaign wants these."""
+    """Return tests with separate constants for modes outside the band, if the campaign says so."""
     return tuple(
         replace(test, residuals="own")
         if has_own(test.residuals, several_modes=modes is not None)
@@ -172,7 +172,7 @@ def unknown_signs(prior: Box, data: Dataset) -> list[str]:
 
 
 def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
-    """Try the other sign of each mode in turn; return the better fit and its dataset."""
+    """Try the opposite sign of each mode in turn; return the best fit and its dataset."""
     growth = []
     for sign in unknown_signs(prior, data):
         other = replace(data, held={**data.held, sign: -data.held[sign]})
@@ -188,7 +188,7 @@ def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
 
 
 def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
-    r"""Return the sentence on whether further modes move the joint, or are linear neighbours.
+    r"""Return the sentence on whether the joint moves in further modes, or these are linear.
 
     $$\chi^2_{linear} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 

@@ -232,7 +232,7 @@ def _with_changed(
     groups: Sequence[tuple[str, ...]],
     campaign_laws: Laws,
 ) -> tuple[str, tuple[Laws, ...]]:
-    """Add sets of laws that change one joint; return what was added, and all sets."""
+    """Add sets of laws that differ at one joint; return the added sets, and all sets."""
     stuck = [laws for laws in plain if not laws]
     for which, tried in ((messages.EVERY, plain), (messages.NONE, stuck)):
         changed = [_with_others(laws, group, campaign_laws) for group in groups for laws in tried]
@@ -248,7 +248,7 @@ def _everywhere(laws: Laws, groups: Sequence[tuple[str, ...]]) -> Laws:
 
 
 def _with_others(laws: Laws, group: tuple[str, ...], campaign_laws: Laws) -> Laws:
-    """Return a campaign's laws with other laws at one set of tied joints."""
+    """Return a campaign's laws, with other laws at one set of tied joints."""
     before = [law for law in campaign_laws if split(law)[1] != group]
     first = next(i for i, law in enumerate(campaign_laws) if split(law)[1] == group)
     return (*before[:first], *_everywhere(laws, [group]), *before[first:])

@@ -81,7 +81,7 @@ def _refusal(test: Test, settings: Identify) -> str:
 
 @contextmanager
 def _tried() -> Iterator[None]:
-    """Suppress warnings during a trial; the final fit issues them once."""
+    """Suppress warnings during a trial fit; the final fit issues them once."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield

@@ -29,7 +29,7 @@ KEPT = PLACES | {quantity.name for mode in BESIDE for quantity in (mode[0], *mod
 
 
 def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
-    """Return parameters that may reach their upper bound: shares of the stiffness.
+    """Return the parameters that may end at their upper bound: shares of the whole stiffness.
 
     A share ends where the joint provides the whole stiffness. A posterior at this end means that
     only products are determined.

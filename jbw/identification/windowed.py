@@ -87,7 +87,7 @@ class LineErrors:
         return np.concatenate([np.abs(self.hermitian[o, o, middle]) for o in outputs])
 
     def of_sum(self, weights: Complex) -> Real:
-        """Return the covariance of parameters that are sums Re sum_i G_ai d_i of errors."""
+        """Return the covariance of parameters that are sums Re sum_i G_ai d_i of line errors."""
         total = np.zeros((len(weights), len(weights)), complex)
         reach = self.hermitian.shape[2] // 2
         num_lines = self.hermitian.shape[-1]
@@ -209,7 +209,7 @@ def _by_neighbour(
 
 
 def _hann(bins: Real) -> Real:
-    """Return the transform of the Hann window around its middle, in units of its duration."""
+    """Return the Fourier transform of the Hann window about its middle, in its durations."""
     # At bins = +-1, the limit of sinc / (1 - bins^2) is a half.
     regular = np.abs(np.abs(bins) - 1) > 1e-9
     safe = np.where(regular, bins, 0.0)

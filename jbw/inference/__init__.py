@@ -1,1 +1,1 @@
-"""Bayesian inference from a log density with named, bounded parameters; it knows no joint."""
+"""Bayesian inference from any log density with named, bounded parameters, without joint models."""

@@ -49,7 +49,7 @@ class NumpyroModel:
     uniform: tuple[str, ...]
 
     def __call__(self) -> None:
-        """Declare the random variables of the model within a NumPyro inference."""
+        """Declare the model's random variables, as NumPyro's inference expects."""
         theta = {
             name: jnp.asarray(numpyro.sample(name, density)) for name, density in self.prior.items()
         }
@@ -90,7 +90,7 @@ class NumpyroModel:
         return NUTS(self, **{**about_fit, **options})
 
     def random_walk(self, step_size: float | None = PAPER.step_size) -> "RandomWalk":
-        """Return the paper's Metropolis-Hastings random walk, section 3.2.
+        """Return the Metropolis-Hastings random walk of Teloli et al., section 3.2.
 
         `step_size` is the standard deviation of a proposal over the width of each parameter's box,
         by default the published one. If None, the warm-up tunes it with the shape of the fit.

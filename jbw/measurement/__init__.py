@@ -1,1 +1,1 @@
-"""The records of the rig, and the readings of them that need no joint model."""
+"""The records of tests, and estimates from them that need no model of a joint."""

@@ -80,18 +80,18 @@ def sampling(fs: float) -> float:
 
 
 def lines_within(freq: Reals, band: Sequence[float]) -> NDArray[np.bool_]:
-    """Return a mask of the lines in a band, edges included; both are in the same unit."""
+    """Return a mask of the spectral lines in a band, edges included; both are in the same unit."""
     low, high = band
     return (freq >= low * (1 - ROUNDING)) & (freq <= high * (1 + ROUNDING))
 
 
 def whole_down(number: float) -> int:
-    """Return the number rounded down; a value that round-off put below a whole number counts."""
+    """Round a number down; a value that is below a whole number only by round-off becomes it."""
     return int(np.floor(number + ROUNDING * abs(number)))
 
 
 def whole_up(number: float) -> int:
-    """Return the number rounded up; one just above a whole number by round-off counts as whole."""
+    """Round a number up; a value that is above a whole number only by round-off becomes it."""
     return int(np.ceil(number - ROUNDING * abs(number)))
 
 
@@ -114,7 +114,7 @@ def rms(values: ArrayLike) -> float:
 
 
 def strength_ranks(sizes: Sequence[float]) -> NDArray[np.int64]:
-    """Return the rank of each size, 0 for the largest; neighbours of similar size share a rank."""
+    """Return the rank of each size, 0 for the largest; nearly equal neighbours share a rank."""
     values = np.asarray(sizes, float)
     falling = np.argsort(-values, kind="stable")
     is_weaker = values[falling][1:] < values[falling][:-1] / ALIKE

@@ -13,7 +13,7 @@ from jbw.quantities import Motion, derivative_order
 
 
 class MeasuredCurve(NamedTuple):
-    """A measured harmonic response, line by line; the excitation may vary along the lines."""
+    """A measured harmonic response at each frequency; the excitation may vary between them."""
 
     freq_hz: Reals  # excitation frequencies, in the order of the file [Hz]
     source: Reals  # peak amplitude of the excitation, whose phase is zero
@@ -35,7 +35,7 @@ class ForcedLoop(NamedTuple):
 
 
 def response_curve(record: Record) -> MeasuredCurve:
-    """Return the response curve X = x exp(j phi) of a `frf` record, without masked lines."""
+    """Return the response curve X = x exp(j phi) of an `frf` record, without masked lines."""
     _must_have(record, (("frequency",), ("phase",), INPUTS, RESPONSES), "a response curve")
     lines = {role: samples[record.valid] for role, samples in record.channels.items()}
     response = np.asarray(lines[record.response] * np.exp(1j * lines["phase"]), np.complex128)
@@ -94,9 +94,9 @@ def displacement_of(curve: MeasuredCurve) -> Complexes:
 
 
 def forced_loop(record: Record, delay: float = 0.0) -> ForcedLoop:
-    """Return the prescribed displacement and the force of a record of kind `loop`.
+    """Return the prescribed displacement and the joint's force of a record of kind `loop`.
 
-    A force that lags by a `delay` [s] is read that much later, by linear interpolation; samples
+    A force that lags by a `delay` [s] is taken that much later, by linear interpolation; samples
     without a force are then omitted.
     """
     forces = ("restoring_force", "force")

@@ -23,7 +23,8 @@ class BandFilter:
     band_hz: tuple[float, float]
     fs: float  # sampling frequency [Hz]
     taps: Reals  # impulse response of the low-pass part; an odd number, sum 1
-    stride: int  # taking only every `stride`-th sample and tap gives the same envelope at less cost
+    # Only every `stride`-th sample and tap is used; the envelope is the same at less cost.
+    stride: int
     step: int  # samples between two envelope values at which white noise is almost independent
 
     @property

@@ -211,7 +211,7 @@ def _covariance(fit: SineFit, fs: float, omega: Reals) -> Reals:
 
 
 def _halves(y: Reals, t: Reals, tones: Tones) -> list[SineFit]:
-    """Return the fits to the first and the second half of the samples, with one common design."""
+    """Return separate fits to the first and the second half of the samples."""
     design, half = _design(t, tones), len(t) // 2
     parts = slice(half), slice(half, None)
     return [_fitted(y[..., part], design[:, part], tones) for part in parts]
@@ -228,7 +228,7 @@ def _drift(y: Reals, t: Reals, tones: Tones) -> tuple[Reals, Reals]:
 
 
 def _refined(y: Reals, t: Reals, tones: Tones) -> Tones:
-    """Return the tones with omega corrected so that Y_1 has the same mean phase in both halves."""
+    """Return the tones with omega corrected so that Y_1 has the same phase in both halves."""
     half = len(t) // 2
     for _ in range(4):
         first, second = (part.amplitudes[..., 0] for part in _halves(y, t, tones))

@@ -141,7 +141,7 @@ def _predicted(x: Reals, num_samples: int) -> Reals:
 
 
 def _burg(x: Reals, order: int) -> Reals:
-    """Compute coefficients (1, a_1, ..., a_p) of sum_i a_i x[n - i] = e[n] by Burg: stable."""
+    """Compute coefficients of a stable autoregressive model, sum_i a_i x[n - i] = e[n], by Burg."""
     # J. P. Burg, Maximum entropy spectral analysis, PhD thesis, Stanford (1975).
     forward, backward = x[1:], x[:-1]
     a = np.ones(1)
@@ -168,7 +168,7 @@ class Cycle(NamedTuple):
 
 
 class CycleReading(NamedTuple):
-    """The quantities read from one cycle of a force loop.
+    """Amplitude, stiffness and losses determined from one cycle of a force loop.
 
     Attributes:
         amplitude: Half of the stroke, a [m].
@@ -202,7 +202,7 @@ def cycles_of(loop: ForcedLoop) -> list[Cycle]:
 
 
 def _between_passages(loop: ForcedLoop) -> list[Cycle]:
-    """Return the whole cycles of a loop, from one passage of the middle to the second next."""
+    """Return the whole cycles of a loop, each over two passages of the middle."""
     crossings = passages(loop.displacement)
     return [_cycle(loop, *ends) for ends in zip(crossings[:-2:2], crossings[2::2], strict=False)]
 
@@ -215,7 +215,7 @@ def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
 
 
 def passages(y: Reals) -> list[int]:
-    """Return the samples at which a displacement crosses its middle, on alternating sides.
+    """Return the samples where a displacement passes its middle, alternately upwards and downwards.
 
     The middle is y = 0 if the motion goes to both sides of it. A record that begins or ends at the
     middle does so with a passage.
@@ -238,7 +238,7 @@ def passages(y: Reals) -> list[int]:
 
 
 def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
-    """Return the readings of every whole cycle of a loop, in order."""
+    """Return amplitude, stiffness and losses of every whole cycle of a loop, in order."""
     readings: list[CycleReading] = []
     first: dict[int, float] = {}
     cycles = _between_passages(loop)
@@ -258,7 +258,7 @@ def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
 
 
 def _amplitudes(cycles: Sequence[Cycle]) -> list[int]:
-    """Return a group number for every cycle, equal for cycles of equal stroke."""
+    """Return a group number for every cycle; cycles of equal stroke have the same number."""
     strokes: list[float] = []
     numbers = []
     for cycle in cycles:
@@ -287,7 +287,7 @@ def lopsided(loop: ForcedLoop) -> float:
 
 
 def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
-    """Return the runs of three or more consecutive cycles of nearly equal stroke."""
+    """Return the groups of three or more consecutive cycles of nearly equal stroke."""
     groups: list[list[Cycle]] = []
     for cycle in cycles:
         if groups and abs(cycle.stroke / groups[-1][0].stroke - 1) < ALIKE:
@@ -298,7 +298,7 @@ def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
 
 
 def _centre(loop: ForcedLoop, cycle: Cycle) -> tuple[float, float]:
-    """Return the mid force of a cycle, reduced to zero displacement, and half its force range."""
+    """Return the mean force of a cycle at zero displacement, and half its range of force."""
     (bottom, top), (below, above) = _turning_points(loop, cycle)
     stiffness = (above - below) / (top - bottom)
     middle = 0.5 * (above + below - stiffness * (top + bottom))

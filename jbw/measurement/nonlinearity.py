@@ -93,7 +93,7 @@ class Stated(Protocol):
 
 
 def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
-    """Return sentences on nonlinearity in a test with faultless records in SI, if any.
+    """Return sentences on nonlinearity in the faultless records of a test; empty without any.
 
     The list is empty unless `records` have one length and sampling frequency.
     """
@@ -155,7 +155,7 @@ def _sweep(u: NDArray[np.float64], y: NDArray[np.float64], fs: float) -> Iterato
 def _multisine(
     test: Stated, u: NDArray[np.float64], y: NDArray[np.float64], fs: float
 ) -> Iterator[str]:
-    """Yield sentences on distortion and noise, from periods, realisations and unexcited lines."""
+    """Yield sentences on distortion and noise of a multisine, from periods and unexcited lines."""
     size, rest = divmod(u.shape[1], test.periods)
     skipped = int(np.ceil(test.settle * fs / size - 1e-6))
     if rest or skipped >= test.periods:
@@ -224,7 +224,7 @@ class Repeatability(NamedTuple):
 
 
 def repeatability(y: ArrayLike) -> Repeatability:
-    """Measure the variation of repeats of one excitation, shape (repeat, time), with one start.
+    """Measure the variation of repeats (repeat, time) of one excitation with equal starts.
 
     Raises:
         DataError: A sample is NaN, there are fewer than two repeats, or the channel is constant.
@@ -261,7 +261,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
 
 
 def _band(mean: np.ndarray) -> np.ndarray:
-    """Return a mask of the response's lines: those above a hundredth of its largest amplitude."""
+    """Return a mask of the lines that belong to the response: above a hundredth of the largest."""
     size = np.abs(np.fft.rfft(mean))
     return size > 0.01 * size.max()
 
@@ -467,7 +467,7 @@ def swept_harmonics(
 
 
 def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
-    """Return half-overlapping windows with equal turns of the source, where the source drives."""
+    """Return half-overlapping windows of equally many source periods, where the source drives."""
     loud = np.flatnonzero(amplitude > QUIET * amplitude.max())
     turns = np.maximum.accumulate(phase) / (2 * np.pi)
     first, last = float(turns[loud[0]]), float(turns[loud[-1]])
@@ -503,7 +503,7 @@ def _fitted(
 
 
 def largest_share(harmonics: SweptHarmonics, order: int) -> tuple[float, float, float]:
-    """Return an order's largest harmonic over the largest fundamental, its noise, and place [Hz].
+    """Return an order's largest harmonic over the largest fundamental, its noise, frequency [Hz].
 
     The possible effect of the source's own harmonic is subtracted: the size of that harmonic times
     the largest ratio of response to source.

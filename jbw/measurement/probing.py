@@ -1,4 +1,4 @@
-"""The measured third-order kernel of a probing test, with the source's harmonics removed."""
+"""The third-order kernel measured by a single tone, without the source's harmonics."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,7 +57,7 @@ def third_order_kernel(
     num_harmonics: int = 7,
     also: Sequence[float] = (),
 ) -> ThirdOrder:
-    r"""Estimate the third-order kernel's leading diagonal from a probing test with one tone.
+    r"""Estimate the third-order kernel's leading diagonal from a test with one tone.
 
     $$H_3(\omega) = \frac{4\,[Y(3\omega) - H_1(3\omega)\,U(3\omega)]}{A^3}, \qquad A = U(\omega)$$
 
@@ -136,7 +136,7 @@ def third_order_kernel(
 
 
 def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, Complexes]:
-    """Return harmonics 1 and 3 of an unmeasured input: the demanded amplitude, and NaN."""
+    """Return harmonics 1 and 3 of an unmeasured input: the requested amplitude, and NaN."""
     if amplitude is None or not abs(amplitude) > 0:
         raise DataError(
             "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
@@ -147,7 +147,7 @@ def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, C
 
 
 def _require_tone(source: Harmonics, omega: float) -> None:
-    """Raise a DataError if the input has no tone at the probing frequency."""
+    """Raise a DataError if the input has no tone at the stated frequency."""
     if np.any(np.abs(source.amplitudes[:, 0]) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
         raise DataError(
             f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",

@@ -186,7 +186,7 @@ class Test:
 
     @property
     def is_cyclic(self) -> bool:
-        """Whether the records hold several whole periods of their excitation."""
+        """Whether the records contain several whole periods of their excitation."""
         return self.traits.is_periodic and self.periods > 1
 
 
@@ -226,7 +226,7 @@ def run_of(test: Test) -> str:
 
 
 def periods(test: Test) -> Test | None:
-    """Return the steady periods of a multisine as repeats; None if its period is unknown.
+    """Return a multisine with its steady periods as repeats; None if its period is unknown.
 
     The `periods` of the returned test is the number of remaining periods of each record.
     """
@@ -277,7 +277,7 @@ def _cut(record: Record, start: int, size: int) -> Record:
 
 
 def si_of(role: str, unit: str) -> tuple[float, str, str]:
-    """Return the factor to SI, the SI unit, and the source (force, input) that a ratio is per.
+    """Return factor to SI, SI unit, and the source (force, input) by which a ratio is divided.
 
     For decibels they are those of the unit of the reference.
     """
@@ -296,7 +296,7 @@ def si_of(role: str, unit: str) -> tuple[float, str, str]:
 
 
 def sensitivity_of(role: str, written: str) -> tuple[float, str]:
-    """Return the volts of a sensor per unit of a role's quantity, and that unit.
+    """Return a sensor's volts per unit of the quantity of a role, and that unit.
 
     `100 mV/g` is (0.1, `g`), `40 mV/(mm/s)` is (0.04, `mm/s`).
 
@@ -316,7 +316,7 @@ def sensitivity_of(role: str, written: str) -> tuple[float, str]:
 
 
 def _per_source(role: str, unit: str) -> tuple[float, str, str] | None:
-    """Return factor, unit and source of a compound unit of response per force or voltage, or None.
+    """Return factor, unit and source of a unit of response per force or voltage, else None.
 
     Examples are an accelerance in `1/kg` and a mobility in `m/(N s)`.
     """

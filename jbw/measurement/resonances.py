@@ -1,4 +1,4 @@
-r"""Frequency and damping of a record near its resonance, read as for a linear oscillator.
+r"""Frequency and damping of a record near its resonance, as those of a linear oscillator.
 
 The reading is a linear least-squares fit over the lines of the record's Fourier transform,
 
@@ -54,7 +54,7 @@ class AmplitudeCurve(NamedTuple):
 
 
 def curve_of_points(points: Sequence[tuple[float, float, float]]) -> AmplitudeCurve:
-    """Return points of amplitude, frequency and damping with errors estimated from neighbours.
+    """Return amplitude, frequency and damping of points, with errors from their neighbours.
 
     A value's deviation from the line through its neighbours has 3/2 of its variance. The median is
     insensitive to a bend.
@@ -72,7 +72,7 @@ def curve_of_points(points: Sequence[tuple[float, float, float]]) -> AmplitudeCu
 
 
 class Reading(NamedTuple):
-    """The frequency and damping of one record, curve or piece of a decay, at one amplitude."""
+    """The frequency and damping of a record, curve or piece of a decay, at one amplitude."""
 
     y: float  # amplitude of the displacement [m]
     frequency_hz: float
@@ -85,7 +85,7 @@ class Reading(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether the reading is that of a dissipative oscillator that fits the measurement."""
+        """Whether the values are those of a dissipative oscillator that fits the measurement."""
         return self.damping > 0.0 and not self.left > MISSED and bool(np.isfinite(self.y))
 
 
@@ -130,7 +130,7 @@ def driven_band(record: Record) -> tuple[float, float]:
 
 
 def swept(power: Float[np.ndarray, " line"]) -> Bool[np.ndarray, " line"]:
-    """Return a mask of the lines within a source's sweep, which contain 99 % of its energy."""
+    """Return a mask of the lines within a source's sweep, those with 99 % of its energy."""
     share = np.cumsum(power) / np.sum(power)
     return (share >= SWEPT) & (share <= 1 - SWEPT)
 
@@ -140,7 +140,7 @@ def _named(record: Record) -> str:
 
 
 def read_lines(lines: DrivenLines) -> Reading:
-    """Return the resonance of a time record, at the energy-weighted amplitude of its envelope."""
+    """Return frequency and damping of a time record, at its energy-weighted mean amplitude."""
     read = read_resonance(lines.omega, lines.source, lines.y)
     centre = 2 * np.pi * read.frequency_hz
     near = np.abs(lines.omega - centre) < WIDE * centre
@@ -154,7 +154,7 @@ def read_curve(
     source: Complex[np.ndarray, " point"],
     y: Complex[np.ndarray, " point"],
 ) -> Reading:
-    """Return the reading of a response curve, at the energy-weighted amplitude of its points."""
+    """Return frequency and damping of a response curve, at the energy-weighted amplitude."""
     if len(omega) < LEAST_POINTS:
         raise DataError(f"A curve shows its resonance by {LEAST_POINTS} frequencies or more.")
     return read_resonance(omega, source, y, is_curve=True)._replace(y=_weighed(y))
@@ -167,7 +167,7 @@ def read_resonance(
     *,
     is_curve: bool = False,
 ) -> Reading:
-    r"""Return the reading of an oscillator fitted to the lines about the peak, in narrowing bands.
+    r"""Fit an oscillator to the spectral lines about a peak, in narrower and narrower bands.
 
     The relative residual r of the response is due to noise or to a joint. A joint makes an error of
     $0.45\,r\,\zeta$, in the relative frequency and in the damping ratio, as calibrated on simulated
@@ -195,7 +195,7 @@ def _through(
     y: Complex[np.ndarray, " line"],
     is_curve: bool,
 ) -> tuple[float, float, float, float, float]:
-    """Return natural frequency [rad/s], damping ratio, residual over rms, and the errors of both.
+    """Return omega_n [rad/s], zeta, relative residual, and the errors of omega_n and zeta.
 
     Standard deviations are those of the linear least squares, from its residual.
     """
@@ -267,7 +267,7 @@ def curves_of_points(test: Test) -> list[ControlledCurve]:
 
 
 def readings_of_points(test: Test, gain: float | None) -> list[Reading]:
-    r"""Return frequency and damping at the amplitude of each point, with force per unit mass g F.
+    r"""Return frequency and damping at the amplitude of each point, with force per mass g F.
 
     $$\omega_r^2 = \omega^2 + \frac{g F \cos\varphi}{Y}, \qquad
       2\zeta\,\omega_r\,\omega = -\frac{g F \sin\varphi}{Y}$$
@@ -295,7 +295,7 @@ def _readings(curve: ControlledCurve, gain: float) -> Iterator[Reading]:
 
 
 def locked_sentence(test: Test) -> str:
-    """Return a sentence on frequency versus amplitude at the held phase."""
+    """Return a sentence on how the frequency depends on amplitude at the held phase."""
     curve = curves_of_points(test)[0]
     order = np.argsort(curve.amplitude)
     y, hz = 1e3 * curve.amplitude[order], curve.freq_hz[order]

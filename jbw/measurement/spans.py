@@ -81,7 +81,7 @@ def unbroken_line(
 
 
 def clean_part(spoilt: Bool[np.ndarray, " time"]) -> slice:
-    """Return the first stretch without bad samples that is at least half as long as the longest."""
+    """Return the first stretch without bad samples that is half as long as the longest, or more."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], spoilt, [True]]).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
     if not len(starts):
@@ -107,7 +107,7 @@ def kept_before(record: Record, at_s: float) -> str:
 
 
 def left_out_from(record: Record, at_s: float) -> str:
-    """Return the remedy for a record that changes at a given time [s], such as by a second blow."""
+    """Return the remedy for a record that changes at a given time [s], as after a second blow."""
     if at_s < LEAST * record.num_samples / record.fs:
         return f"{left_out(record)}."
     span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]
@@ -120,7 +120,7 @@ def left_out(record: Record) -> str:
 
 
 def is_by_file(leaving_out: str) -> bool:
-    """Return whether a remedy leaves out a record by the name of its file."""
+    """Return whether a remedy leaves out a record by naming its file."""
     return remedies.EXCLUDE.search(leaving_out) is not None
 
 
@@ -131,7 +131,7 @@ def put_line(leaving_out: str) -> str:
 
 
 def exclude_line(record: Record) -> str:
-    """Return how to leave out a record: by file name if the file has no other record."""
+    """Return how to leave out a record: by its file name if the file has no other record."""
     name = record.name.partition(" + ")[0]
     if name and name in {Path(x).name for x in record.provenance.get("path", "").split("; ")}:
         return remedies.leave_out(toml_list([escape(name)]))
@@ -139,7 +139,7 @@ def exclude_line(record: Record) -> str:
 
 
 def of_all(of_records: Sequence[str], count: int) -> str:
-    """Return one remedy for all `count` records from the remedies of the affected ones.
+    """Return one remedy for `count` records, merged from the remedies of those with a fault.
 
     It keeps the span that they share and leaves out records without a common span.
     """

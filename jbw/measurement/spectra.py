@@ -285,7 +285,7 @@ def _segment_length(
 
 
 def _effective_averages(window: str, nperseg: int, noverlap: int, num_segments: int) -> float:
-    """Return overlapping segments' averages, K = N / (1 + 2 sum_m (N - m) / N rho_m^2)."""
+    """Return the equivalent number of averages, K = N / (1 + 2 sum_m (N - m) / N rho_m^2)."""
     # N is the number of segments and rho_m the correlation of the window with itself m segments
     # later: P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
     w = np.asarray(signal.get_window(window, nperseg))
@@ -348,13 +348,13 @@ def averaged(
 
 
 def stands_out(h: Complexes) -> bool:
-    """Return whether an FRF has a peak to judge; a flat or noisy estimate has none."""
+    """Return whether an FRF has a clear peak; a flat or noisy estimate has none."""
     power = np.abs(h) ** 2
     return bool(power.max() > 10 * np.median(power))
 
 
 def _warn_when_coarse(estimate: FRF) -> None:
-    """Warn if the highest peak is hardly wider than the peak of the window itself."""
+    """Warn if the highest peak is hardly wider than the spectral peak of the window itself."""
     # A boxcar is meant for whole periods, whose lines are exact at any distance.
     if estimate.window == "boxcar":
         return

@@ -109,7 +109,7 @@ def lines_removed(lines: Sequence[SteadyLine]) -> str:
 
 
 def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) -> list[float]:
-    """Return starting values of frequency [Hz] and rate [1/s] for the strongest decay before it."""
+    """Return starting values of the strongest decay's frequency [Hz] and rate [1/s]."""
     size = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x)), FINER * len(x)))
     freq = np.fft.rfftfreq(FINER * len(x), 1 / fs)
     size[freq < PERIODS * resolution] = 0

@@ -1,1 +1,1 @@
-"""Likelihood terms, one module per kind of test: reduce records, predict them, weigh residuals."""
+"""Likelihood terms, one module per kind of test: reduction of records, prediction, weights."""

@@ -69,7 +69,7 @@ class Foretold(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 own"], Float[Array, "1 offset own"], float]:
-        """Return the stated changes minus the predicted changes, in standard deviations."""
+        """Return the stated changes minus the predicted ones, in standard deviations."""
         return (self.mean - self.predict(theta)) / self.std, self.groups.directions, 0.0
 
     def statements(self, theta: Theta) -> list[str]:
@@ -89,5 +89,5 @@ class Foretold(KnownReading):
 
 
 def mode_words(omega_n: float, zeta: float) -> str:
-    """Return a text on a mode: its frequency, and its damping in percent."""
+    """Return a text that states a mode's frequency, and its damping in percent."""
     return f"{omega_n / (2 * np.pi):.5g} Hz ({100 * zeta:.3g} %)"

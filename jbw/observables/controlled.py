@@ -105,7 +105,7 @@ class ControlledPoints(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple["ControlledPoints", ...]:
-        """Average each point's repeats, in one part per phase control and residual terms."""
+        """Average the repeats of each point; equally controlled tests form one dataset part."""
         families: dict[tuple[Any, ...], list[tuple[Test, list[ControlledCurve]]]] = {}
         for test in tests:
             held = test.locked_phase if test.traits.is_locked else float("nan")
@@ -128,7 +128,7 @@ class ControlledPoints(Observable):
         *,
         is_locked: bool,
     ) -> Self:
-        """Build one part from tests of the same form and the curves of their repeats."""
+        """Build a dataset part from equally controlled tests and the curves of their repeats."""
         if residuals == "own":
             raise DataError(
                 "`residuals` = 'own' needs a test whose response is compared, but "
@@ -214,7 +214,7 @@ class ControlledPoints(Observable):
     def _at(
         self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
     ) -> Float[Array, "group point"]:
-        """Return the prediction of each data group at given amplitudes [m] and phases [rad]."""
+        """Predict each data group at given amplitudes [m] and phases [rad] of the motion."""
         joint, gain = oscillator_of(theta, self.laws), theta["gain"]
         y, phi = self._of_joint(theta, amplitude, phase)
         if self.is_locked:
@@ -249,12 +249,12 @@ class ControlledPoints(Observable):
         return jnp.abs(joint_motion), motion_phase + jnp.angle(joint_motion / moved)
 
     def compared(self, values: Any) -> Float[Array, "group point"]:
-        """Return values over their noise profile, less the part correlated with the force."""
+        """Return values over their noise profile, without the part correlated with the force."""
         rows = self._counted * values
         return (rows - self.mixed * rows[self._force_of_test]) / self.scale
 
     def misfit(self, theta: Theta) -> Float[Array, "group point"]:
-        """Return measured minus predicted values over their noise profile, with wrapped phases."""
+        """Return measured minus predicted values over their noise profile; phases are wrapped."""
         residual = self.mean - self.predict(theta)
         turned = jnp.array([row.quantity == "phase" for row in self.rows])[:, None]
         return self.compared(jnp.where(turned, jnp.angle(jnp.exp(1j * residual)), residual))
@@ -270,7 +270,7 @@ class ControlledPoints(Observable):
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the noise of every value, relative to that of its data group."""
+        """Return the noise of every value of a data group, relative to the noise of the group."""
         where, force = compared(self.groups, group), self._force_of_test[group]
         scale, mixed = (np.asarray(x)[group][where] for x in (self.scale, self.mixed))
         noise = np.asarray(self.groups.noise_std)
@@ -278,14 +278,14 @@ class ControlledPoints(Observable):
         return np.hypot(scale, force_noise)
 
     def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the reference of each value's relative error, in its unit (for forces: itself)."""
+        """Return the values to which relative errors refer, in their unit (forces: themselves)."""
         mean = np.asarray(self.mean)[group][compared(self.groups, group)]
         if self.rows[group].quantity == "force":
             return mean
         return np.full(len(mean), np.asarray(self.groups.reference)[group])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the data with noise from a fit's residuals, including the amplitude's noise."""
+        """Return the data with noise from a fit's residuals, including that of the amplitudes."""
         rows = np.zeros(self.mean.shape)
         for i, label in enumerate(self.groups.labels):
             rows[i, : len(residuals[label])] = np.real(residuals[label])
@@ -338,7 +338,7 @@ class ControlledPoints(Observable):
     def _deviation(
         self, group: int, slopes: Sequence[Float[np.ndarray, " point"]]
     ) -> Float[np.ndarray, "point variable"]:
-        """Return weights that remove amplitude and phase noise from a repeat's deviations."""
+        """Return weights that remove noise of amplitude and phase from a repeat's deviations."""
         weights = np.zeros((len(slopes[0]), MOMENTS))
         weights[:, 1 if self.rows[group].quantity == "force" else 0] = 1.0
         weights[:, 2] = -slopes[0]
@@ -352,13 +352,13 @@ class ControlledPoints(Observable):
         weights: Float[np.ndarray, "point variable"],
         scale: Float[np.ndarray, " point"],
     ) -> float:
-        """Return the variation between repeats: weighted squared deviations from their mean."""
+        """Return the weighted squared deviations of repeats from their mean, summed over points."""
         products = np.asarray(self.moments)[self.rows[group].test]
         squares = np.einsum("pi,pij,pj->p", weights, products, weights)
         return float(np.sum((squares / scale**2)[compared(self.groups, group)]))
 
     def _sizes(self, theta: Theta) -> Float[np.ndarray, " group"]:
-        r"""Return reference sizes with the half width $\zeta_{eq} f = g F / (2 \omega^2 Y) f$."""
+        r"""Return reference sizes; for frequencies $\zeta_{eq} f = g F f / (2 \omega^2 Y)$."""
         size, gain = np.array(self.groups.reference), abs(float(theta["gain"]))
         for i, row in enumerate(self.rows):
             if row.quantity == "frequency" and self.unit_of_source:
@@ -370,7 +370,7 @@ class ControlledPoints(Observable):
         return size
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return facts of the data without a model: frequency at small motion, measured forces."""
+        """Return what data show without a model: frequency at small motion, measured forces."""
         lines = partial(_steady_lines, self)
         y_peak = float(jnp.max(self.amplitude))
         amplitudes = np.asarray(self.amplitude)[[row.test for row in self.rows]]
@@ -400,7 +400,7 @@ def _first_values(data: ControlledPoints) -> dict[str, float]:
 
 
 def _steady_lines(data: ControlledPoints) -> SteadyLines | None:
-    """Return the points with measured force; an unknown phase is 0 or -pi, far from resonance."""
+    """Return the points with a measured force; unmeasured phases are set to 0 or -pi."""
     if not data.unit_of_source:
         return None
     omega, y, load, phase = _points(data)
@@ -410,7 +410,7 @@ def _steady_lines(data: ControlledPoints) -> SteadyLines | None:
 
 
 def _points(data: ControlledPoints) -> list[Float[np.ndarray, " point"]]:
-    """Return frequency [rad/s], amplitude [m], source and phase [rad] of the points of tests."""
+    """Return frequency [rad/s], amplitude [m], source and phase [rad] of all counted points."""
     counted = np.asarray(data.counted) > 0
     columns = data.omega, data.amplitude, data.load, data.phase
     return [np.asarray(column)[counted] for column in columns]
@@ -432,7 +432,7 @@ class Frequencies(ControlledPoints):
 def slopes_by_inputs(
     theta: Theta, data: ControlledPoints
 ) -> tuple[Float[Array, "group point"], Float[Array, "group point"]]:
-    """Return the predictions' derivatives by log amplitude and by phase [1/rad]."""
+    """Return derivatives of the predictions with respect to log amplitude and phase [1/rad]."""
     y, phase = data.amplitude, data.phase
     none, unit = jnp.zeros_like(y), jnp.ones_like(y)
     _, slopes_along = jax.linearize(partial(data._at, theta), y, phase)
@@ -492,7 +492,7 @@ def _compared(
 
 
 def _near(phase: Any, first: Any) -> Float[np.ndarray, " point"]:
-    """Return a phase shifted by whole turns, to within half a turn of another phase [rad]."""
+    """Return a phase shifted by whole turns to within half a turn of another phase [rad]."""
     return first + np.angle(np.exp(1j * (phase - first)))
 
 
@@ -541,7 +541,7 @@ def _mean_force(curves: Sequence[ControlledCurve]) -> Float[np.ndarray, " point"
 def _moments(
     curves: Sequence[ControlledCurve], *, is_locked: bool
 ) -> Float[np.ndarray, "point variable variable"]:
-    """Return products of the repeats' deviations at every point, summed over the repeats."""
+    """Return the products of the repeats' deviations at every point, summed over repeats."""
     phase = np.stack([np.nan_to_num(_phase(curve, curves[0])) for curve in curves])
     frequency_or_phase = np.stack([curve.freq_hz for curve in curves]) if is_locked else phase
     force = np.nan_to_num(np.stack([_mean_force([curve]) for curve in curves]))
@@ -552,7 +552,7 @@ def _moments(
 
 
 def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Return points' relative noise, without that of the amplitude: mean forces, else ones."""
+    """Return the noise profile along the points: the mean force for forces, constant otherwise."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 
@@ -564,7 +564,7 @@ def _first_scale(
 
 
 def _size(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> float:
-    """Return the reference size of a group's relative errors before a fit."""
+    """Return the reference size for relative errors of a data group before a fit."""
     if row.quantity == "force":
         return float(np.exp(np.mean(np.log(mean))))
     return HALF_WIDTH * float(np.mean(mean)) if row.quantity == "frequency" else 1.0

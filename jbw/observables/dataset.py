@@ -149,7 +149,7 @@ def solved(
     threads: int,
     *,
     writes: bool,
-    # one array of rows per part of the data
+    # one array of rows per part of the dataset
     rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,
 ) -> Solved | None:
     """Compute a dataset's costly predictions at many points in advance; None if there are none.
@@ -200,7 +200,7 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
 
 
 def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
-    r"""Return the log density of frequency shifts, with their scatter s integrated out.
+    r"""Return the log density of records' frequency shifts, with their scatter s integrated out.
 
     It is $\log \int p(s) \prod_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$.
 
@@ -258,7 +258,7 @@ def _weighted(theta: Theta, data: Dataset) -> list[Block]:
 def _offsets_taken_out(
     blocks: Sequence[Block], data: Dataset
 ) -> tuple[list[Float[Array, "_group _value"]], dict[str, Float[Array, " own"]]]:
-    """Subtract each run's optimal offsets from the residuals; return both, offsets scaled."""
+    """Subtract each run's optimal offsets from the residuals; return both, the offsets scaled."""
     rows = [block[0] for block in blocks]
     shared = [i for i, part in enumerate(data.parts) if not part.own_shifts]
     if not (data.has_offsets and shared):
@@ -299,7 +299,7 @@ def halved(data: Dataset) -> Dataset | None:
 
 
 def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
-    """Return the dataset with room for all load reversals of the motion at a parameter point."""
+    """Return the dataset with enough memory for all load reversals of the motion at a point."""
     everything = as_arrays(theta, data)
     parts = tuple(remembered.remembering(everything, part) for part in data.parts)
     same = all(new is old for new, old in zip(parts, data.parts, strict=True))
@@ -346,7 +346,7 @@ def with_directions(
     data: Dataset,
     offsets: Mapping[str, Float[np.ndarray, " own"]] | None = None,
 ) -> Dataset:
-    """Return the dataset with its predictions' derivatives by each run's omega_n and zeta."""
+    """Return the dataset with its predictions' derivatives with respect to each run's offsets."""
     everything = as_arrays(theta, data)
     parts = tuple(
         p if p.own_shifts else p.linearised(of_part(everything, p), offsets or {})
@@ -368,12 +368,12 @@ def residual_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict
 
 
 def measured_parts(data: Dataset) -> list[Observable]:
-    """Return the parts that are measured records, without priors from earlier estimates."""
+    """Return the parts of the dataset that are measured records, without prior estimates."""
     return [part for part in data.parts if not part.groups.is_prior]
 
 
 def sizes_of(part: Observable) -> dict[str, float]:
-    """Return the norm of each data group's mean in one part of the data, by label."""
+    """Return the norm of each data group's mean in one part of the dataset, by label."""
     return dict(zip(part.groups.labels, sizes(part.mean, part.groups).tolist(), strict=True))
 
 

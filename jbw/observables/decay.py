@@ -43,7 +43,7 @@ LEAST_BEGUN = 8  # smallest number of envelope values in that section
 
 
 class Decays(Envelopes):
-    """The free decays of one mode, as reduced for the likelihood.
+    """The free decays of one mode, reduced to the form that the likelihood needs.
 
     `solution` is the logarithm of the simulated decay where it was computed before.
     """
@@ -65,7 +65,7 @@ class Decays(Envelopes):
         return jnp.max(jnp.asarray(self.groups.num_values / self.groups.num_counted))
 
     def matches(self, theta: Theta) -> Match:
-        """Fit the initial state and frequency shift of each record on the model's decay."""
+        """Fit the initial state and the frequency shift of each record to the model's decay."""
         decay = decay_of(theta, self) if self.solution is None else self.solution
         return jax.vmap(lambda envelope: match(decay, envelope, self.step_s))(self.mean)
 
@@ -104,7 +104,7 @@ class Decays(Envelopes):
 
     @property
     def _says(self) -> Bool[Array, " record"]:
-        """Whether a record has more independent values than unknowns (initial state, shift)."""
+        """Whether a record has more independent values than unknowns (initial state and shift)."""
         return self.groups.num_values > self.groups.num_own
 
     @property
@@ -113,7 +113,7 @@ class Decays(Envelopes):
         return jnp.where(self._says, self.groups.num_values - self.groups.num_own, 1.0)
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        r"""Estimate the shift of natural frequency of each record, the first of its offsets.
+        r"""Estimate each record's shift of natural frequency, the first of the run's offsets.
 
         $$\log p_i = -\frac{n - 3}{2} \log Q_i - \frac12 \log |A_i| - \log e_i$$
 
@@ -137,7 +137,7 @@ class Decays(Envelopes):
         return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the decays with noise per record, and scatter of frequencies, from a fit."""
+        """Return the decays with each record's noise and the scatter of frequencies, from a fit."""
         matches = matched(theta, self)
         noise = jnp.sqrt(matches.misfit / (self.groups.size - self.groups.num_own))
         errors = float(jnp.sqrt(jnp.mean(self.shift_errors(matches) ** 2)))
@@ -146,7 +146,7 @@ class Decays(Envelopes):
         return replace(self, groups=groups, shift_std=jnp.asarray(scatter))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the model-free facts: frequency and damping along records, and their start."""
+        """Return what records show without a model: frequency, damping, initial amplitude."""
         over = omega_n ** derivative_order(self.response)
         begins = (np.abs(np.asarray(self.mean)[:, 0]) / over).tolist()
         curve = partial(amplitude_curve, self)
@@ -159,11 +159,11 @@ class Decays(Envelopes):
         )
 
     def only(self, record: int, size: int) -> Self:
-        """Return the first values of one record alone, with its own noise."""
+        """Return one record alone, cut to its first `size` values, with its own noise."""
         return replace(self, **self.values_of(record, size))
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
-        """Return the fields of one record, reduced to its first values."""
+        """Return the fields of one record, cut to its first `size` values."""
         at, values = slice(record, record + 1), 2.0 * size
         groups = jax.tree.map(lambda column: column[at], self.groups)
         names = {"labels": groups.labels[at], "runs": groups.runs[at], "units": groups.units[at]}
@@ -198,7 +198,7 @@ def amplitude_curve(data: Decays) -> AmplitudeCurve:
 
 
 def counting[Data: Decays](data: Data, fraction: float) -> Data:
-    """Return the decays with a given fraction of their values counted as independent."""
+    """Return the decays with a given fraction of their values counted as independent ones."""
     fractions = dict.fromkeys(data.groups.labels, fraction)
     return replace(data, groups=with_effective_values(fractions, data.groups))
 
@@ -264,7 +264,7 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
 
 
 def matched(theta: Theta, data: Decays) -> Match:
-    """Fit each record's initial state and shift at one parameter point, compiled."""
+    """Fit each record's initial state and shift at one parameter point, by a compiled program."""
     lanes = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
     solved = data.solved(lanes, 1, writes=True)
     if solved is not None and solved.solution is not None:
@@ -336,7 +336,7 @@ def begun(
 
 
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
-    """Return how many values determine a record's initial state: those of 0.3 / (zeta omega_n)."""
+    """Return the number of values in the time 0.3 / (zeta omega_n), which give initial states."""
     rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
     half = data.mean.shape[1] // 2
     num_values = BEGINNING / (rate * data.step_s) if rate > 0 else half

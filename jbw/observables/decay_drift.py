@@ -2,9 +2,10 @@ r"""The drift of free decays away from the prediction that a law makes from thei
 
 $$E(t) = \hat E(t)\,e^{(-\rho + j\varphi)\,(t - t_0 / 2)} + \text{rest}, \qquad
   \hat\rho, \hat\varphi = -\frac{\sum_t w_t t \ln |E / \hat E|}{\sum_t w_t t^2},
-  \frac{\sum_t w_t t \arg (E / \hat E)}{\sum_t w_t t^2}, \quad w = |E|^2$$
+  \frac{\sum_t w_t t \arg (E / \hat E)}{\sum_t w_t t^2}, \quad w = \min(|E|, |\hat E|)^2$$
 
-where $t_0$ is the length of the beginning, which determines a record's initial state and natural
+Where the motion has ended, one of the envelopes is small: noise there has no weight at any length.
+$t_0$ is the length of the beginning, which determines a record's initial state and natural
 frequency. A law whose frequency changes differently with amplitude drifts from the record, whatever
 its frequency at the beginning.
 """
@@ -13,6 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float
+
+# A value counts if its amplitude exceeds this many standard deviations of noise: its phase is then
+# known to a third of a radian, so that turns can be counted.
+ABOVE_NOISE = 3.0
 
 
 class Drift(NamedTuple):
@@ -28,19 +33,34 @@ def drift_of(
     measured: Complex[np.ndarray, " value"],
     predicted: Complex[np.ndarray, " value"],
     time: Float[np.ndarray, " value"],
+    noise_std: float = 0.0,
 ) -> Drift:
-    """Fit the drift of a prediction from an envelope, over time since its beginning's middle."""
-    ratio = measured / predicted
-    weight = np.abs(measured) ** 2 * time
-    along = np.sum(weight * time)
-    frequency = float(np.sum(weight * np.unwrap(np.angle(ratio))) / along)
-    rate = -float(np.sum(weight * np.log(np.abs(ratio))) / along)
+    """Fit the drift of an envelope from its prediction, over time since the middle of its start.
+
+    Values that do not exceed the noise have no weight. The drift is zero if no value exceeds it.
+    """
+    weight = _weights(measured, predicted, noise_std) * time
+    heard = weight > 0.0
+    ratio = measured[heard] / predicted[heard]
+    along = np.sum((weight * time)[heard]) if np.any(heard) else np.inf
+    frequency = float(np.sum(weight[heard] * np.unwrap(np.angle(ratio))) / along)
+    rate = -float(np.sum(weight[heard] * np.log(np.abs(ratio))) / along)
     rest = measured - predicted * np.exp((-rate + 1j * frequency) * time)
     return Drift(frequency, rate, rest, measured)
 
 
+def _weights(
+    measured: Complex[np.ndarray, " value"],
+    predicted: Complex[np.ndarray, " value"],
+    noise_std: float,
+) -> Float[np.ndarray, " value"]:
+    """Return squared amplitudes, the smaller of both envelopes; zero for values within noise."""
+    smaller = np.minimum(np.abs(measured), np.abs(predicted))
+    return np.where(smaller > ABOVE_NOISE * noise_std, smaller, 0.0) ** 2
+
+
 class LeftOutDecay(NamedTuple):
-    """The drift of one held-out record, with the errors that come from its initial state."""
+    """The drift of one held-out record, with the errors of its initial state and of its noise."""
 
     drift: Drift
     frequency_std: float  # standard error of the drift's frequency [rad/s]
@@ -57,11 +77,19 @@ def left_out_decay(
     noise_std: float,
     fraction: float,
 ) -> LeftOutDecay:
-    """Return a held-out record's drift, given errors of log amplitude and frequency [rad/s].
+    r"""Return a held-out record's drift, given errors of log amplitude and frequency [rad/s].
 
     An amplitude error that exists from the beginning acts like a rate over the weighted mean time.
+    Noise $\sigma$ of which a share f is independent adds $\sigma / \sqrt{f \sum w t^2}$ to both.
+    Both errors are infinite if no value exceeds the noise.
     """
-    weight = np.abs(measured) ** 2 * time
-    rate_std = errors[0] * float(np.sum(weight) / np.sum(weight * time))
     noise = 2 * len(time) * noise_std**2
-    return LeftOutDecay(drift_of(measured, predicted, time), errors[1], rate_std, noise, fraction)
+    drift = drift_of(measured, predicted, time, noise_std)
+    weight = _weights(measured, predicted, noise_std) * time
+    along = float(np.sum(weight * time))
+    if along == 0.0:
+        return LeftOutDecay(drift, np.inf, np.inf, noise, fraction)
+    of_noise = noise_std / np.sqrt(fraction * along)
+    of_beginning = errors[1], errors[0] * float(np.sum(weight)) / along
+    frequency_std, rate_std = (float(np.hypot(error, of_noise)) for error in of_beginning)
+    return LeftOutDecay(drift, frequency_std, rate_std, noise, fraction)

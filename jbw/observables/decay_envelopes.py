@@ -35,6 +35,7 @@ SPARE = 1.3  # duration of the simulation, relative to that which the measured d
 LEAST_RATE = 0.1
 # Longest simulated time before the strongest decay reaches the weakest record, in record lengths.
 MOST_WAIT = 20.0
+LOUD = 0.3  # A record's start is first estimated from values above this share of the largest one.
 # number of Gauss-Newton steps that find the start of a record on the simulated decay
 NUM_REFINEMENTS = 3
 # Lagrange's cubics through -1, 0, 1 and 2, one per column: coefficients of 1, f, f^2 and f^3.
@@ -123,7 +124,7 @@ class Envelopes(Observable):
 
 
 def _largest_read(test: Test, y_start: float) -> float:
-    """Return the largest displacement [m] with a measured frequency, or else that of the start."""
+    """Return the largest displacement [m] with a measured frequency, or else that at the start."""
     try:
         readings = read_decays(test)
     except DataError:
@@ -132,7 +133,7 @@ def _largest_read(test: Test, y_start: float) -> float:
 
 
 def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Groups:
-    """Return one data group and one run per record; the frequency shift follows its values."""
+    """Return one data group and one run per record; the frequency shift ends each row."""
     count, length = envelope.shape
     names = [f"{test.name} {i + 1}" for i in range(count)]
     return repeated(
@@ -151,7 +152,7 @@ def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Grou
 def _course(
     name: str, envelope: np.ndarray, peaks: np.ndarray, chosen: BandFilter, order: int
 ) -> tuple[float, float]:
-    """Return start amplitude and duration of a simulated decay that covers every record.
+    """Return start amplitude and duration of a simulated decay that covers all records.
 
     Args:
         name: Name of the test.
@@ -231,7 +232,7 @@ class Match(NamedTuple):
 def along(
     decay: Complex[Array, " step"], place: Float[Array, " time"]
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Interpolate the logarithm of a decay between steps by cubics; return its slope as well."""
+    """Interpolate the logarithm of a decay between steps by cubics; return also its slope."""
     step = jax.lax.stop_gradient(jnp.floor(place))
     f = place - step
     index = step.astype(int)[:, None] + jnp.arange(-1, 3)
@@ -247,7 +248,7 @@ def along(
 def follow(
     decay: Complex[Array, " step"], entry: Entry, steps: Float[Array, " time"], step_s: float
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Return a record's envelope on the simulated decay, and its logarithm's slope per step."""
+    """Return the envelope of a record that follows the simulated decay, and its log slope."""
     log, slope = along(decay, entry.place + steps)
     return jnp.exp(log + 1j * (entry.phase + entry.shift * step_s * steps)), slope
 
@@ -275,15 +276,17 @@ def _first_entry(
     steps: Float[Array, " sample"],
     step_s: float,
 ) -> Entry:
-    """Estimate a record's start on the simulated decay: time from amplitudes, then shift, phase.
+    """Estimate where a record starts on the simulated decay: time from amplitudes, shift, phase.
 
     Each value has a place of its own. Their mean is weighted by the squares of the amplitudes, as
-    in least squares, so that noise or zeros at the end of a record do not move it.
+    in least squares, over the loud values alone, so that noise or zeros at the end of a record do
+    not move it, however long that end is.
     """
     size = jnp.abs(envelope)
+    loud = jnp.where(size >= LOUD * jnp.max(size), size, 0.0)
     grid = jnp.arange(len(decay), dtype=float)
     places = jnp.interp(-jnp.log(size), -decay.real, grid) - steps
-    place = jnp.average(places, weights=size**2)
+    place = jnp.average(places, weights=loud**2)
     log, _ = along(decay, place + steps)
     ratio = envelope * jnp.exp(jnp.conj(log))  # This is the phase that the simulated decay lacks.
     turn = jnp.angle(jnp.sum(ratio[1:] * jnp.conj(ratio[:-1])))
@@ -298,7 +301,7 @@ def _normal(
     steps: Float[Array, " sample"],
     step_s: float,
 ) -> tuple[Complex[Array, " sample"], Float[Array, "own own"], Float[Array, " own"], Array]:
-    """Return residual, normal matrix, gradient by log amplitude, phase and shift, and slope."""
+    """Return residual, normal matrix, gradient (log amplitude, phase, shift), and log slope."""
     model, slope = follow(decay, entry, steps, step_s)
     residual = envelope - model
     rate = slope[0].real

@@ -45,7 +45,7 @@ def of_drive[Value](theta: Mapping[str, Value], drive: str) -> Mapping[str, Valu
 
 
 def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str, Value]:
-    """Return the parameters that hold under the drive of a part of the data."""
+    """Return the parameters that hold under the drive of one part of the dataset."""
     return of_drive(theta, part.drive)
 
 
@@ -57,13 +57,13 @@ def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
-    """Return the parts of the data that use a drive's own parameters ("" for the plain ones)."""
+    """Return the parts of the dataset that use a drive's own parameters ("" for the plain ones)."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
 
 
 def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
-    """Return all measured frequencies and damping ratios over amplitude, or None if none exist."""
+    """Return all measured frequencies and damping ratios against amplitude; None without any."""
     # The damping at small amplitude differs between drives, so only one drive is used.
     of_one = parts_of("", parts)
     of_parts = (part.shown().amplitude_readings() for part in of_one)
@@ -79,7 +79,7 @@ def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
 
 
 def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
-    """Return which known oscillator parameters the parts use, in the order of `STUCK`.
+    """Return which known oscillator parameters the given dataset parts use, in a fixed order.
 
     A drive without its own name there uses the plain one. Parameters of other modes follow.
     """
@@ -91,7 +91,7 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 
 
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return which of omega_n, zeta and gain the tests with one drive constrain together.
+    """Return which of omega_n, zeta and gain the tests with one drive determine together.
 
     Free motion determines stiffness over mass, a prescribed displacement the stiffness [N/m]:
     together they determine the modal mass, which neither determines alone.
@@ -103,7 +103,7 @@ def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return which of omega_n, zeta and gain only the secant stiffness of a loop constrains.
+    """Return which of omega_n, zeta and gain only the secant stiffness of a loop determines.
 
     These are only starting values: the motion of no part determines them.
     """
@@ -155,7 +155,7 @@ def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
 
 
 def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
-    """Return the steady harmonics of all parts, scaled to a motion of 1 m, or None."""
+    """Return the steady harmonics of all dataset parts, scaled to a motion of 1 m, or None."""
     lines_by_part = [
         part_lines for part in parts if (part_lines := part.shown().steady_lines()) is not None
     ]

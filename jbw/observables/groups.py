@@ -89,7 +89,7 @@ class Groups(eqx.Module):
 
     @property
     def num_taken(self) -> Float[Array, " group"]:
-        """The number of values that each data group's own constants use up, one each."""
+        """The number of constants of each data group; each uses up one value of the group."""
         rows = concrete(self.spanned)
         xp: Any = np if isinstance(rows, np.ndarray) else jnp
         return xp.round(xp.sum(rows**2, axis=(1, 2)))
@@ -214,7 +214,7 @@ def changed(groups: Groups, **columns: Any) -> Groups:
 
 
 def weights(groups: Groups) -> Float[Array, " group"]:
-    r"""Return one over a mean's standard error, $\sqrt{n / N} / \sigma$; n = N K if independent."""
+    r"""Return the inverse standard error of a mean, $\sqrt{n / N} / \sigma$; n = N K if white."""
     size, repeats, counted, noise_std = map(
         concrete, (groups.size, groups.num_repeats, groups.num_values, groups.noise_std)
     )
@@ -224,7 +224,7 @@ def weights(groups: Groups) -> Float[Array, " group"]:
 def beside_own(
     rows: Float[Array, "group *own value"], groups: Groups
 ) -> Float[Array, "group *own value"]:
-    """Return rows without the part that each data group's own constants can explain."""
+    """Subtract from rows their projection on the columns of each data group's own constants."""
     columns = groups.spanned
     if not columns.shape[1]:
         return rows
@@ -233,7 +233,7 @@ def beside_own(
 
 
 def with_slope(groups: Groups, slope: Float[Any, "group value own"]) -> Groups:
-    """Return the table with the derivatives of each prediction by omega_n and zeta of its run."""
+    """Return the table with each prediction's derivatives with respect to its run's offsets."""
     xp: Any = np if isinstance(slope, np.ndarray) else jnp
     return changed(groups, directions=beside_own(xp.moveaxis(slope, -1, 1), groups))
 

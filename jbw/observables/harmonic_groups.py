@@ -149,7 +149,7 @@ def _groups(
 
 
 def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]:
-    """Return odd harmonics of source and displacement per repeat, phases relative to the source."""
+    """Return odd harmonics of source and displacement per repeat; phases refer to the source."""
     amplitudes = np.zeros((len(repeats), 2, NUM_HARMONICS), complex)
     by_layout: dict[tuple[float, str, int], list[int]] = {}
     for i, (record, (start, stop)) in enumerate(repeats):

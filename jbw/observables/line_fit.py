@@ -6,9 +6,9 @@ damper,
 $$K = \frac{E[F_1(Y)\,Y]}{E[Y^2]}, \qquad \omega_{eq}^2 = k + \mathrm{Re}\,K,
   \qquad 2\zeta_{eq}\omega_{eq}^2 = 2\zeta\omega_n\omega_{eq} + \mathrm{Im}\,K$$
 
-so that a record at 14 um rms gives an omega_n of the paper's joint that is 7e-5 too low, many times
-its own error. The average neglects that the joint remembers larger amplitudes: a fiftieth of the
-shift.
+so that a record at 14 um rms gives an omega_n of the joint of Teloli et al. that is 7e-5 too low,
+many times its own error. The average neglects that the joint remembers larger amplitudes: a
+fiftieth of the shift.
 """
 
 from collections.abc import Mapping
@@ -64,7 +64,7 @@ class LineReading(KnownReading):
         *,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        """Build the term from Step 2's omega_n, zeta and gain at rms motion `y_rms` [m]."""
+        """Build the likelihood term from Step 2's omega_n, zeta and gain at rms motion [m]."""
         arrays = np.asarray(mean)[None], np.asarray(covariance), float(y_rms)
         read, spread, rms = jax.device_put(arrays)
         # The noise is known in advance, as for data with repeats.
@@ -86,9 +86,10 @@ class LineReading(KnownReading):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return the term with predictions at many points, by one program for all datasets.
+        """Return the likelihood term with its predictions precomputed at many parameter points.
 
-        None is returned for several modes, and for laws that the exact step does not support.
+        One program serves all datasets. None is returned for several modes, and for laws that the
+        exact step does not support.
         """
         if (joints := joints_at(theta, self.laws)) is None:
             return None
@@ -101,7 +102,7 @@ class LineReading(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 read"], Float[Array, "1 own read"], Float[Array, ""]]:
-        """Return residual and derivatives in standard deviations, and a log-density term.
+        """Return residual and derivatives in standard deviations, and a term of the log density.
 
         The term is minus the logarithm of the product of the standard deviations.
         """
@@ -109,7 +110,7 @@ class LineReading(KnownReading):
         linear = jnp.stack([theta[name] for name in READ])
         # Add the covariance of effects that the average over amplitudes neglects.
         margin = jnp.diag((MARGIN * (predicted[0] - linear)) ** 2)
-        # A held-out estimate counts for almost none of its values.
+        # If the estimate is held out, almost none of its values count.
         counted = self.groups.num_values[0] / self.groups.num_counted[0]
         scale = self.groups.noise_std[0] ** 2 / counted
         root = jnp.linalg.cholesky(scale * self.covariance + margin)

@@ -145,7 +145,7 @@ def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -
 def zeros_of_load_cells(
     kinds: Sequence[str], counted: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "test 2 time"] | None:
-    """Return columns for offset and drift of load cells, if tests have such errors, or None."""
+    """Return columns for offset and drift of load cells, or None if tests have no such errors."""
     if all(kind == "exact" for kind in kinds):
         return None
     columns = np.zeros((len(kinds), 2, max(map(len, counted))))
@@ -158,7 +158,7 @@ def zeros_of_load_cells(
 
 
 def together(displacement: Float[np.ndarray, " time"]) -> int:
-    r"""Return how many samples to average: a sine moves 6e-3 of its amplitude in that time.
+    r"""Return how many samples to average: those in which a sine moves 6e-3 of its amplitude.
 
     Only records so long that their samples dominate the cost of a prediction are averaged. The mean
     of so few samples is below a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.

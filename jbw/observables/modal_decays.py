@@ -76,7 +76,7 @@ class Matched(NamedTuple):
 
 
 class ModalDecays(Decays):
-    """The free decays of several modes, as reduced for the likelihood.
+    """The free decays of several modes, reduced to the form that the likelihood needs.
 
     Attributes:
         begun: Own unknowns of each record, as in `Start`, from which the search for the best
@@ -151,13 +151,13 @@ class ModalDecays(Decays):
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
 
     def only(self, record: int, size: int) -> Self:
-        """Return the data for the initial section of one record alone."""
+        """Return one record alone, cut to its initial section."""
         values = self.values_of(record, size)
         num_samples = (values["mean"].shape[1] - 1) * self.stride + len(self.taps)
         return replace(self, **values, num_samples=num_samples)
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
-        """Return the fields of one record, including its initial state and modal amplitudes."""
+        """Return the fields of one record, with its initial state and modal amplitudes."""
         record_slice = slice(record, record + 1)
         beginnings = {"begun": self.begun[record_slice], "amplitude": self.amplitude[record_slice]}
         return super().values_of(record, size) | beginnings
@@ -169,7 +169,7 @@ class ModalDecays(Decays):
         return replace(super().with_fitted_noise(theta, residuals), begun=begun)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return model-free facts of each mode's decay alone; the curve is the first mode's."""
+        """Return what each mode's decay shows without a model; the curve is the first mode's."""
         curve = partial(amplitude_curve, self.alone[0])
         peaks = tuple(np.max(np.asarray(self.amplitude), axis=0).tolist())
         values = partial(_first_values, self)
@@ -251,7 +251,7 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
     x, moves, memories = h @ q, h @ v, memory_at(structure, q, v)
 
     def remainder(j: int) -> Array:
-        """Return the force of joint j without its linear part, the small-motion stiffness."""
+        """Return the force of joint j without its linear part (at its small-motion stiffness)."""
         pairs = zip(joint_laws(structure)[j], memories[j], strict=True)
         forces = [law.force(x[j], moves[j], memory) - law.stiffness() * x[j]
                   for law, memory in pairs]  # fmt: skip
@@ -265,7 +265,7 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
 def modal_envelopes(
     structure: Structure, own: Float[Array, " own"], data: ModalDecays
 ) -> Complex[Array, "mode step"]:
-    r"""Return each mode's part of a record's envelope, for given unknowns of the record.
+    r"""Return each mode's part of a record's envelope, given the record's own unknowns.
 
     Modes other than those of the decays do not ring: they begin at their static position under the
     joints' forces, $q_i = -\sum_j p_{ij} r_j / \omega_i^2$; their motion is counted with the first
@@ -293,7 +293,7 @@ def modal_envelopes(
 
 
 def _turns(length: int, data: ModalDecays) -> Float[Array, "mode step"]:
-    """Return the derivative of each mode's phase by the first mode's frequency shift [s]."""
+    """Return the derivative of each mode's phase with respect to the first mode's shift [s]."""
     hz = jnp.asarray(data.modes.hz)
     return hz[:, None] / hz[0] * data.step_s * jnp.arange(length)
 

@@ -57,7 +57,7 @@ def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, floa
 def _near(
     motion: MotionSpectra, windows_hz: Sequence[tuple[float, float]], spanned: float
 ) -> dict[int, Bool[np.ndarray, " line"]]:
-    """Return, by mode, the driven spectral lines that span a given part of the mode's window."""
+    """Return, by mode, the driven lines in its search range, if these span enough of the range."""
     loud, near_modes = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
     for i, window in enumerate(windows_hz):
         near_mode = loud & lines_within(motion.omega / (2 * np.pi), window)
@@ -86,7 +86,7 @@ def _poles_and_gains(
         return np.stack([low + place * (high - low), np.exp(log_zeta)], axis=1)
 
     def best(x: Reals) -> tuple[Reals, Reals]:
-        """Solve for gains and residual terms at trial poles; return them with the residual."""
+        """Solve for gains and residual terms at given poles; return them with the residual."""
         natural, zeta = poles_of(x).T[..., None]
         modal = 1 / (natural**2 - omega**2 + 2j * zeta * natural * omega)
         columns = _parts(np.array([*modal, np.ones_like(omega), 1 / omega**2]) * source)

@@ -90,7 +90,7 @@ class Modes(NamedTuple):
 
     @property
     def windows_hz(self) -> list[tuple[float, float]]:
-        """The search range of each mode [Hz], about its stated frequency, apart from others."""
+        """The search range of each mode [Hz], about its stated frequency, without overlap."""
         windows = []
         for centre in self.hz:
             middles = [0.5 * (centre + other) for other in self.hz if other != centre]
@@ -163,7 +163,7 @@ def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
 
 
 def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> Bounds:
-    """Return bounds of modal parameters about starting values; motions of the joint need a law."""
+    """Return bounds of modal parameters about starting values, with joint motions if laws exist."""
     bounds: Bounds = {}
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
@@ -222,7 +222,7 @@ class ModesAtJoint(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
-        """Return these logarithms in standard deviations, and log density over the uniform."""
+        """Return log motions and couplings in standard deviations, and log density over uniform."""
         logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
         rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():
@@ -231,11 +231,11 @@ class ModesAtJoint(KnownReading):
         return rows, directions, box - jnp.sum(logs)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return starting values in which each mode moves the joint as much as the first mode."""
+        """Return starting values with which each mode moves the joint as much as the first mode."""
         return Shown(lambda: dict.fromkeys(self.modes.free, 1.0) if self.modes else {})
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on each further mode: its motion of the joint, and the sign of it."""
+        """Return sentences on each further mode: how much the joint moves in it, with its sign."""
         if self.modes is None or self.modes.meet != "common" or not self.laws:
             return []
         structure = structure_of(theta, self.laws)

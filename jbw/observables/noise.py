@@ -38,7 +38,7 @@ def num_known(data: Dataset) -> dict[str, float]:
 
 
 def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
-    r"""Return the relative variation between each data group's repeats, or of their mean.
+    r"""Return the variation between each data group's repeats, or the error of their mean.
 
     The scatter of the mean of K repeats is that of a single one divided by $\sqrt K$.
     """
@@ -52,7 +52,7 @@ def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
 
 
 def evenly(part: Observable) -> Observable | None:
-    """Return data whose groups have equal relative weights; None if that has no meaning."""
+    """Return data whose groups have equal relative weights; None if weights have no such form."""
     groups = part.groups
     if groups.is_prior or part.own_shifts:
         return None
@@ -67,7 +67,7 @@ def evenly(part: Observable) -> Observable | None:
 
 
 def with_discrepancy(residuals: Rows, data: Dataset) -> Dataset:
-    """Return the dataset with the law's expected misfit, one share of each group's response."""
+    """Return the dataset with the law's expected misfit, an equal share of each response."""
 
     def with_share(part: Observable) -> Observable:
         if part.groups.is_prior or part.own_shifts:
@@ -126,7 +126,7 @@ def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Data
 
 
 def silenced(labels: Collection[str], data: Dataset) -> Dataset:
-    """Return the dataset without some data groups in the likelihood, with arrays of equal shape."""
+    """Return the dataset with data groups that the likelihood ignores; array shapes stay equal."""
     return with_effective_values(fractions_counted(data) | dict.fromkeys(labels, SILENT), data)
 
 
@@ -157,7 +157,7 @@ def draw_noise(
 
 
 def squares_at(theta: Drawn, part: Observable) -> Float[np.ndarray, "... group"]:
-    """Return each data group's sum of squared residuals at draws of the parameters."""
+    """Return each data group's sum of squared residuals at every draw of the parameters."""
     shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
     points = {name: np.ravel(np.broadcast_to(values, shape)) for name, values in theta.items()}
     squares = _squares_at(jax.device_put(points), alone(part))

@@ -96,7 +96,7 @@ class Shown(NamedTuple):
 
 
 class Observable(eqx.Module):
-    """The reduced data of one kind of test, as the likelihood needs them.
+    """The reduced data of one kind of test, in the form that the likelihood needs.
 
     `reduce` and `predict` are required. All other methods have defaults for a mean of repeats minus
     its prediction; functions of `groups` and `noise` read the columns of the table `groups`.
@@ -156,7 +156,7 @@ class Observable(eqx.Module):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce tests to means and deviations of repeats, in parts of equal sampling and length.
+        """Reduce tests to means and deviations of repeats; tests of equal sampling form one part.
 
         `substeps` is the number of solver steps between samples; None for the default.
         """
@@ -179,7 +179,7 @@ class Observable(eqx.Module):
         return self.compared(self.mean - self.predict(theta))
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residuals, and derivatives by run offsets, in standard errors of a mean."""
+        """Return residuals, and derivatives with respect to run offsets, in standard errors."""
         weight = weights(self.groups)
         residual = weight[:, None] * beside_own(self.misfit(theta), self.groups)
         return residual, weight[:, None, None] * self.groups.directions
@@ -198,7 +198,7 @@ class Observable(eqx.Module):
         rows: Float[Array, "group row value"] | None = None,
         offset: Float[Array, "group own"] | None = None,
     ) -> tuple[Float[Array, " group"], Float[Array, "group row"]]:
-        """Return each data group's sum of squared residuals, and its residual's products with rows.
+        """Return each group's sum of squared residuals, and its residual's products with `rows`.
 
         Args:
             theta: The parameters.
@@ -220,7 +220,7 @@ class Observable(eqx.Module):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return data with costly predictions precomputed at many points; None if there are none.
+        """Return data with costly predictions computed at many points in advance; None without any.
 
         Args:
             theta: The parameters at points.
@@ -231,7 +231,7 @@ class Observable(eqx.Module):
         return None
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """Return data with the derivatives of predictions by run offsets, at given offsets."""
+        """Return data with the predictions' derivatives with respect to run offsets."""
         none = np.zeros((len(self.groups.labels), len(OFFSETS), self.groups.width))
         if not self.moved_by_runs:
             return replace(self, groups=changed(self.groups, directions=none))
@@ -245,7 +245,7 @@ class Observable(eqx.Module):
         return replace(self, groups=with_fitted_noise(residuals, self.groups))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the facts that data show without a model; some need omega_n [rad/s]."""
+        """Return facts that data show without a model; some need omega_n [rad/s]."""
         return Shown()
 
     def statements(self, theta: Theta) -> list[str]:
@@ -254,23 +254,23 @@ class Observable(eqx.Module):
 
 
 class KnownReading(Observable):
-    """Estimates with known covariance from before the fit, as one data group: a prior density."""
+    """Estimates from before the fit with a known covariance, as one data group: a prior density."""
 
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 value"], Float[Array, "1 own value"], Any]:
-        """Return residual and derivatives by run offsets in standard deviations, and a log density.
+        """Return residual and derivatives with respect to run offsets (in sd), and log density.
 
         The term is that of the values' density [nats].
         """
         raise NotImplementedError
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residual and derivatives by run offsets, in standard deviations."""
+        """Return residual and derivatives with respect to run offsets, in standard deviations."""
         return self.whitened(theta)[:2]
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """Estimate the run offsets from these values, with their known covariance."""
+        """Estimate the run offsets from values with known covariance."""
         residual, directions, term = self.whitened(theta)
         estimate = known_estimate(residual, directions[:, :num_offsets])
         return estimate._replace(log_density=estimate.log_density + term)
@@ -291,7 +291,7 @@ def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> tuple[Names, Names
 
 
 def unnamed(data: Any, labels: Names, runs: Names) -> Any:
-    """Return data with numbers instead of names of groups and runs, for compiled programs.
+    """Return data with numbers in place of the names of groups and runs, for compiled programs.
 
     Units, words and numbers that no program reads are removed, so that they cause no compilation.
     """
@@ -310,7 +310,7 @@ def unnamed(data: Any, labels: Names, runs: Names) -> Any:
 
 
 def alone(data: Any) -> Any:
-    """Return one part of the data, with numbers instead of names of groups and runs."""
+    """Return one part of the dataset, with numbers in place of names of groups and runs."""
     return unnamed(data, *numbers_of(data.groups.labels, data.groups.runs))
 
 
@@ -321,7 +321,7 @@ def prediction(theta: Theta, data: Observable) -> Any:
 
 @eqx.filter_jit
 def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[Array, "*row own"]:
-    """Return the derivative of a prediction by omega_n and zeta of its run, along a last axis."""
+    """Return a prediction's derivatives with respect to omega_n and zeta of its run (last axis)."""
 
     def shifted(offset: Float[Array, " own"]) -> Array:
         shifted_theta = {name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}

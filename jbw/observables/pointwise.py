@@ -32,7 +32,7 @@ SEED = "seed of the draw"
 
 
 class RecordRows(NamedTuple):
-    """The records of one part of the data, in the form of its residual, group by group.
+    """The records of one part of the dataset, in the form of its residual, group by group.
 
     Attributes:
         group: Number of the group of each record within the part.
@@ -50,7 +50,7 @@ class RecordRows(NamedTuple):
 
 
 class OfPart(NamedTuple):
-    """The records of one part of the data: their names, and values at each draw."""
+    """The records of one part of the dataset: their names, and values at each draw."""
 
     name: list[str]
     group: list[str]  # label of each record's data group
@@ -105,7 +105,7 @@ def records_of(
 
 
 def record_rows(part: Observable) -> RecordRows:
-    """Return the records of a part of the data in the form of its residual."""
+    """Return the records of one dataset part, in the form of its residuals."""
     groups, mean = part.groups, np.asarray(part.mean)[:, None]
     single = single_records(mean[:, 0], groups)
     is_record = single.num_repeats > 0
@@ -122,7 +122,7 @@ def _solved(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
     threads: int,
 ) -> Solved | None:
-    """Return the residual sums of every part at draws, with the products that its records need."""
+    """Return precomputed residual sums of every dataset part at draws of the parameters."""
     key, data, rows = task
     point = {name: values for name, values in theta.items() if name != SEED}
     asked = [None if part_rows is None else part_rows.rows for part_rows in rows]
@@ -135,7 +135,7 @@ def _solved(
 def _seen(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
 ) -> tuple[Key[Array, ""], Dataset, tuple[Any, ...]]:
-    """Return a task with numbers instead of names in its dataset, for compiled programs."""
+    """Return the arguments of a program, with numbers in place of names in the dataset."""
     key, data, rows = task
     return key, unnamed(data), rows
 
@@ -143,7 +143,7 @@ def _seen(
 @seeing(_seen)
 @solved_first(_solved)
 def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
-    """Return the residual sums of each part at one draw, with drawn run offsets."""
+    """Return the residual sums of each dataset part at one draw, with drawn run offsets."""
     key, data, rows = task
     everything = {**data.held, **{name: x for name, x in theta.items() if name != SEED}}
     sums: dict[str, Any] = {}
@@ -191,7 +191,7 @@ def _of_part(
     sums: Mapping[str, Float[np.ndarray, "draw record"]],
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
-    """Return the records of one part of the data, from its residual sums at the draws."""
+    """Return the records of one dataset part, from its residual sums at the draws."""
     groups, group, count = part.groups, records.group, records.num_repeats
     measured, deviation = records.rows[:, 0], records.rows[group, records.place]
     size, discrepancy = (np.asarray(x)[group] for x in (groups.size, groups.discrepancy))

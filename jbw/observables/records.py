@@ -288,7 +288,7 @@ class Records(Observable):
     def _from_origin(
         self, theta: Theta, offset: Float[Array, "level of_run"] | None
     ) -> Float[Array, "level own"]:
-        """Return omega_n and zeta of each level's run relative to the point of linearisation."""
+        """Return omega_n and zeta of each level's run minus those at which it was linearised."""
         away = jnp.zeros((len(self.groups.origin), self.groups.directions.shape[1]))
         if self.groups.origin.shape[1]:
             away = jnp.stack([theta[name] for name in OFFSETS]) - self.groups.origin
@@ -301,7 +301,7 @@ class Records(Observable):
         offset: Float[Array, "level of_run"] | None,
         products: Float[Array, "level row"],
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        r"""Return residual sums from stored products of the response with the rows.
+        r"""Return residual sums from stored products of the response with the given rows.
 
         $$Q_b = Q - 2 b^T s + b^T J J^T b, \qquad R r_b = R d - R m - R J^T (a + b)$$
 
@@ -427,13 +427,13 @@ class Records(Observable):
         return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
-        """Return which levels have a predicted response absurdly larger than the measured one."""
+        """Return which levels have a predicted response absurdly larger than their measured one."""
         # This is zero for planned levels, which have no measurement.
         size = jnp.max(jnp.abs(self.mean), axis=1)
         return (size > 0) & (peak > ABSURD * size)
 
     def _summed(self, theta: Mapping[str, Any]) -> bool:
-        """Return whether the time loop sums the residual: samples of one mode, from rest."""
+        """Return whether the time loop can sum the residual: samples of one mode, from rest."""
         plain = not (self.periodic or self.groups.is_complex or any(self.points))
         return (
             plain
@@ -443,12 +443,12 @@ class Records(Observable):
         )
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
-        r"""Return squares over repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
+        r"""Return sums of squares of repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
         square, _ = self.residual_sums(theta)
         return self.groups.num_repeats * square + self.groups.within
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """Return each level linearised about omega_n and zeta of its run, where they are known."""
+        """Return each level linearised about its run's omega_n and zeta, where these are known."""
         centre = np.array([float(theta[name]) for name in OFFSETS])
         origin = np.stack([centre + offsets.get(run, 0.0) for run in self.groups.runs])
         placed = replace(self, groups=changed(self.groups, origin=origin))
@@ -457,7 +457,7 @@ class Records(Observable):
         return replace(placed, groups=with_slope(placed.groups, slope))
 
     def slope_by_differences(self, theta: Theta) -> Float[np.ndarray, "level value own"] | None:
-        r"""Return the derivative of the response by omega_n and zeta of each level's run.
+        r"""Return the response's derivatives with respect to omega_n and zeta of each level's run.
 
         $$x'(0) \approx \frac{8 (x(h) - x(-h)) - (x(2h) - x(-2h))}{12 h}$$
 
@@ -486,7 +486,7 @@ class Records(Observable):
         return np.moveaxis(slope, 1, -1)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return model-free facts: an oscillator fitted to a peak, the largest displacement."""
+        """Return what records show without a model: an oscillator at a peak, the largest motion."""
         order = derivative_order(self.response)
         first_values, spectra = partial(_first_values, self), partial(_spectra, self)
         if self.modes is None:
@@ -575,13 +575,13 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
 def _behind(
     rows: Float[np.ndarray, "row value"] | None, skipped: int
 ) -> Float[np.ndarray, "row time"] | None:
-    """Return rows of compared samples as rows of all samples, padded with zeros at the start."""
+    """Pad rows of compared samples with zeros at the start, so that they cover all samples."""
     return None if rows is None else np.pad(rows, ((0, 0), (skipped, 0)))
 
 
 @eqx.filter_jit
 def _slope_at_origin(theta: Theta, data: Records) -> Float[Array, "level value own"]:
-    """Return the derivative of the response by omega_n and zeta of each level's run, by JAX."""
+    """Return the response's derivatives with respect to omega_n and zeta of each run, by JAX."""
 
     def moved(offset: Float[Array, " own"]) -> Float[Array, "level value"]:
         groups = replace(data.groups, origin=data.groups.origin + offset)

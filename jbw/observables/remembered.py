@@ -21,13 +21,13 @@ Records = Any  # records with measured inputs, whose methods call these function
 
 
 def guesses(theta: Mapping[str, Array], data: Observable) -> Float[Array, " level"]:
-    """Return how often the memory of reversals was too short, per level; the force may be wrong."""
+    """Return per level how often the memory of load reversals was too short."""
     return _guesses(theta, alone(data))
 
 
 @eqx.filter_jit
 def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
-    """Return how often each level's memory of reversals was too short (compiled)."""
+    """Return per level how often the memory of load reversals was too short (compiled)."""
 
     def one(source: HeldInput) -> Array:
         return motion_under(theta, source, data.fs, **data.solving).guesses
@@ -36,7 +36,7 @@ def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"
 
 
 def remembering[Data: Observable](theta: Mapping[str, Array], data: Data) -> Data:
-    """Return data with enough memory of load reversals for the motion at a parameter point.
+    """Return data whose laws remember enough load reversals for the motion at a parameter point.
 
     The memory grows by powers of two from the usual number. Data whose laws have no stack of
     reversals are returned unchanged.
@@ -50,7 +50,7 @@ def remembering[Data: Observable](theta: Mapping[str, Array], data: Data) -> Dat
 
 
 def told(theta: Mapping[str, Array], data: Observable) -> list[str]:
-    """Return messages on levels whose motion has more load reversals than a law can remember."""
+    """Return messages on levels with more load reversals than a law can remember."""
     if not _stacks(theta, data):
         return []
     counts = np.asarray(guesses(theta, data))

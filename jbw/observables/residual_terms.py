@@ -55,7 +55,7 @@ def has_own(residuals: str, *, several_modes: bool) -> bool:
 
 
 def taken(theta: Mapping[str, Any], residuals: str) -> dict[str, Any]:
-    """Return the residual terms that the parameters contain and a test includes, by name."""
+    """Return those residual terms among the parameters that a test includes, by name."""
     return {name: theta[name] for name in TAKEN[residuals] if name in theta}
 
 
@@ -95,7 +95,7 @@ def added_response(
 def own_columns(
     force: Float[np.ndarray, "level time"], fs: float, response: str, lines: tuple[int, int] | None
 ) -> Float[np.ndarray, "level 2 value"]:
-    r"""Return columns of each test's own U and L: $F_k (j\omega_k)^o$, and it over $\omega_k^2$.
+    r"""Return columns of each test's own U and L: $F_k (j\omega_k)^o$, and this over $\omega_k^2$.
 
     For lines these are the real parts, then the imaginary parts; for samples, the signal of the
     driven lines in time.

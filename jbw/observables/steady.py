@@ -71,7 +71,7 @@ class Points(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce all tests to harmonics, in one part per choice of residual terms."""
+        """Reduce all tests to harmonics; tests with equal residual terms form one part."""
         parts = []
         for residuals in dict.fromkeys(test.residuals for test in tests):
             groups = groups_of([test for test in tests if test.residuals == residuals])
@@ -163,7 +163,7 @@ class Points(Observable):
         return self.factor * jnp.where(of_force[:, None], forced, moved)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return model-free facts: an oscillator, steady harmonics, and frequency per curve."""
+        """Return what curves show without a model: an oscillator, harmonics, and frequencies."""
         return Shown(
             partial(_first_values, self),
             partial(_steady_lines, self),
@@ -198,7 +198,7 @@ def _first_points(data: Points) -> dict[int, Int[np.ndarray, " point"]]:
 
 
 def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
-    """Return frequency and damping of each curve, at a held response or at 90 degrees of lag."""
+    """Return frequency and damping of each curve, at a held response or at a lag of 90 degrees."""
     gain, readings = _first_values(data)["gain"], []
     columns = data.omega, data.load[:, 0], data.motion[:, 0]
     for i, points in _first_points(data).items():
@@ -234,14 +234,14 @@ def _held(
     load: Complex[np.ndarray, " point"],
     motion: Inexact[np.ndarray, " point"],
 ) -> tuple[float, float, float]:
-    """Return amplitude, frequency and damping of a controlled response, by a linear oscillator."""
+    """Fit an oscillator to a controlled response; return its amplitude, frequency and damping."""
     read = oscillator_through(omega, load, motion)
     near = np.argmin(np.abs(omega - read["omega_n"]))
     return abs(motion[near]), read["omega_n"], read["zeta"]
 
 
 def _own_columns(groups: Sequence[MeasuredHarmonic]) -> Float[np.ndarray, "group 2 part"]:
-    r"""Return the responses to unit U and L of each curve, real parts then imaginary parts."""
+    r"""Return each curve's responses to unit U and L, real parts, then imaginary parts."""
     held = next((group.label for group in groups if group.of_force), None)
     if held is not None:
         raise DataError(
@@ -295,7 +295,7 @@ def added_motion(theta: Mapping[str, Array], data: Points) -> Complex[Array, "po
 
 
 def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point"]:
-    r"""Return the force per unit mass [N/kg] that the measured fundamental needs: eqs. (1), (2).
+    r"""Return the force per unit mass [N/kg] that the measured first harmonic needs: eqs. (1), (2).
 
     $$F_1 = (k - \omega^2 + 2j\zeta\omega_n\omega + K(|Y_1|) + jC(|Y_1|))\,Y_1$$
 

@@ -70,19 +70,19 @@ def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Tr
 
 
 def packed(stepping: Stepping, state: State) -> State:
-    """Return an oscillator's state as arrays for the time loop, with stacked reversals."""
+    """Return an oscillator's state as arrays for the time loop, with all load reversals stacked."""
     y, v, memory = state
     return y, v, pack_memories(stepping.step.laws, memory)
 
 
 def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
-    """Return the states of the time loop as states of scalars."""
+    """Convert the arrays of the time loop back to states of scalars."""
     y, v, memory = trajectory
     return y, v, unpack_memories(stepping.step.laws, memory)
 
 
 def unused_field(tau, state, stepping):
-    """Return the state unchanged; diffrax requires this function, the exact step does not."""
+    """Return the state unchanged; diffrax requires a vector field, but the exact step uses none."""
     return state
 
 
@@ -134,8 +134,7 @@ def in_chunks(
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
     push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
-    # There is one copy of the step's constants per oscillator of the batch: when transposed, they
-    # are summed only once.
+    # Every step gets a copy of the constants: the transpose then sums over the steps only once.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
@@ -155,7 +154,7 @@ def in_chunks(
 def _linearised(
     step: ExactStep, start: State, push: Push, step_dot: ExactStep, push_dot: Push
 ) -> tuple[Columns, tuple[Scalar, ...]]:
-    """Return the derivative of one time step: the columns of the matrix J_n, and the offset b_n."""
+    """Return one time step's derivatives: the columns of its Jacobian J_n, and its offset b_n."""
     leaves, tree = jax.tree.flatten(start)
 
     def stepped(step, leaves, push):
@@ -173,7 +172,7 @@ def _linearised(
 
 
 def _recurrence(x_dot: State, inputs) -> tuple[State, State]:
-    """Advance the derivative of a state by one step, with the step's matrix given by columns."""
+    """Advance the derivative of a state by one step, from the columns of the step's Jacobian."""
     columns, offset = inputs
     leaves, tree = jax.tree.flatten(x_dot)
     after = [
@@ -215,7 +214,7 @@ class _Tangents(NamedTuple):
 def tangent_of_stacks(
     stepping: Pushed, trajectory: Trajectory, stepping_dot: Pushed, initial_dot: State
 ) -> Trajectory:
-    """Compute the derivative of a trajectory of laws that remember load reversals."""
+    """Compute the derivative of a simulation whose laws remember load reversals."""
     laws: Laws = stepping.step.laws
     before, after = _but_last(trajectory), _but_first(trajectory)
     kinked = jax.vmap(partial(_kinked, stepping.step))(before, after, stepping.push)
@@ -305,12 +304,10 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
 
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a solve that a batch runs one oscillator after another, all right-hand sides at once.
+    """Return a solver that treats the oscillators of a batch in turn, but right-hand sides at once.
 
     If the oscillators of a batch were solved side by side, the long derivative of a kink would be
     computed in every step of each.
-
-    Lanes side by side would always compute the long derivative of a kink.
     """
     sequential = jax.custom_batching.custom_vmap(solve)
 
@@ -334,7 +331,7 @@ def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 def _after(
     step: ExactStep, at: Any, x_dot: Carriers, step_dot: ExactStep, push_dot: Push
 ) -> Carriers:
-    """Compute the derivative of the state after a time step."""
+    """Compute the derivative of the state after a time step from that before it."""
     primals, tangents = (step, _split(step.laws, at.starts), at.push), (step_dot, x_dot, push_dot)
 
     def by(kinks: Kinks):
@@ -344,7 +341,7 @@ def _after(
 
 
 def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactStep, Push]:
-    """Return the reverse derivatives of the state before a step, of its constants and its input."""
+    """Return reverse derivatives with respect to a step's initial state, constants and input."""
     primals = step, _split(step.laws, at.starts), at.push
 
     def by(kinks: Kinks):
@@ -355,12 +352,12 @@ def _before(step: ExactStep, at: Any, x_bar: Carriers) -> tuple[Carriers, ExactS
 
 
 def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Push) -> Carriers:
-    """Return the carried variables after a time step, from those before it."""
+    """Advance by one time step the variables whose derivatives pass from step to step."""
     return _split(step.laws, advance(step, _joined(step.laws, start, x), push, kinks=kinks))
 
 
 def _split(laws: Laws, state: State) -> Carriers:
-    """Return the part of a state whose derivatives pass from step to step."""
+    """Return the variables of a state whose derivatives pass from step to step."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
     for law, law_memory in zip(laws, memory, strict=True):
@@ -372,7 +369,7 @@ def _split(laws: Laws, state: State) -> Carriers:
 
 
 def _joined(laws: Laws, state: State, x: Carriers) -> State:
-    """Return a state from this part, from which all its other variables follow."""
+    """Return the full state that follows from the variables that pass from step to step."""
     (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
     for law, law_memory in zip(laws, state[2], strict=True):

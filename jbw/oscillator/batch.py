@@ -73,7 +73,7 @@ class Motions(NamedTuple):
 
 
 class _Totals(NamedTuple):
-    """Sums and peaks, which are carried with the state from one piece of a record to the next."""
+    """The sums and peaks that are carried from one piece of a record to the next."""
 
     square: Any
     along: tuple[Any, ...]
@@ -91,7 +91,7 @@ class _Piece(NamedTuple):
 
 
 class _Lanes(NamedTuple):
-    """Values that differ in a batch of oscillators: joint, input gain, parts of the residual."""
+    """The values that differ in a batch of oscillators: joint, input gain, coefficients of rows."""
 
     joints: Oscillator
     gain: Float[Any, " lane"]  # gain of the input
@@ -100,7 +100,7 @@ class _Lanes(NamedTuple):
 
 
 class _Span(NamedTuple):
-    """The numbers of steps in a piece of a record; they are traced, so others do not recompile."""
+    """The numbers of steps in a piece of a record; traced, so that new numbers do not recompile."""
 
     fs: Any  # sampling rate [Hz]
     substeps: Any  # steps between two samples
@@ -321,7 +321,7 @@ def _marched(
     stepping = jax.vmap(constants)(joints, gain)
 
     def seen(state: State, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
-        """Return the sums including this sample, if it is compared, and the response at it."""
+        """Return the sums, with this sample added if it is compared, and the response at it."""
         row, counts = piece.measured[sample], ends & (sample >= first)
 
         def of_lane(joint, gain, parts, state, totals):

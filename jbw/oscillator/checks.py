@@ -289,7 +289,7 @@ def require_contracts(joint: Any) -> None:
 def require_sense(
     joint: Any, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int, max_turns: int
 ) -> None:
-    """Raise if an argument of a periodic response has no meaning."""
+    """Raise if an argument of a periodic response is not finite or out of range."""
     require_periodic(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)
     require_float64()

@@ -37,7 +37,7 @@ MOTION = np.array([Y, 0.05j * Y])  # first and third harmonic of the trial motio
 SETTLED = 8  # simulated periods, of which only the last is compared
 POINTS = 256  # samples per period
 
-# Methods of the time step. If they are the defaults, a record agrees with the steady state.
+# Methods of the time step. If a law uses their defaults, records agree with its steady state.
 STEP = ("branch", "remainder", "bend", "glide", "turn", "shift", "missed", "packed")
 
 _TRIED: dict[type[Law], str | None] = {}
@@ -71,7 +71,7 @@ def require_contract(kinds: Any) -> None:
 
 
 def broken(kind: type[Law]) -> str | None:
-    """Return a description of the first method of a law that is wrong, or None."""
+    """Return a description of the first wrong method of a law, or None if all are right."""
     bounds = kind.prior(SCALES) if has_prior(kind) else dict.fromkeys(kind.names(), (0.5, 1.5))
     if absent := [name for name in kind.names() if name not in bounds]:
         return messages.no_bounds(absent)
@@ -114,7 +114,7 @@ def _agree(found: Any, right: Any, least: Any) -> bool:
 
 
 def _worst(found: Any, what: str, right: Any) -> tuple[Any, str, Any]:
-    """Return the pair of found and right number that differs most, with its description."""
+    """Return the found and the right number that differ most, with their description between."""
     found, right = np.broadcast_arrays(np.atleast_1d(found), np.atleast_1d(right))
     at = np.unravel_index(np.argmax(np.nan_to_num(np.abs(found - right), nan=np.inf)), found.shape)
     return found[at], what, right[at]

@@ -26,5 +26,5 @@ class Damper(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> tuple[Scalar, Scalar]:
-        """Return the force, and zero for its rate: the time step adds dg/dv times acceleration."""
+        """Return the force g(v), and zero as its rate: the step adds dg/dv times acceleration."""
         return self(v), 0.0 * v

@@ -31,7 +31,7 @@ class Guessing(Protocol):
 def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
     solve: Callable[[Model, Any], Solved], joint: Model, initial: Any
 ) -> Solved:
-    """Solve; double the number of remembered reversals until it suffices or no longer helps.
+    """Solve, and double the number of remembered load reversals until it suffices or stops helping.
 
     `solve` takes the model and its initial state, whose last part is the laws' memories.
     """

@@ -117,7 +117,7 @@ def move_by_rates(law: Law, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
 def remainder_by_rates(
     law: Law, h: Scalar, y: Scalar, v: Scalar, memory: Memory
 ) -> tuple[Scalar, Scalar]:
-    """Return the law's force without its linear part, F - K y, and h times its rate."""
+    """Return the force without its linear part, r = F - K y, and its rate times the time step h."""
     stiffness, rate = law.stiffness(), law.rate(y, v, memory)
     force, rise = jax.jvp(
         lambda y, memory: law.force(y, v, memory),
@@ -130,7 +130,7 @@ def remainder_by_rates(
 def bend_by_rates(
     law: Law, h: Scalar, state: tuple[Scalar, Scalar, Memory], a: Scalar, branch: Any
 ) -> Scalar:
-    """Return half of h^2 times the second time derivative of F - K y, at an acceleration a."""
+    """Return h^2/2 times the second time derivative of r = F - K y, at an acceleration a."""
     y, v, memory = state
     rate = jax.tree.map(lambda x: jnp.asarray(x, float), law.rate(y, v, memory))
     _, bend = jax.jvp(
@@ -142,7 +142,7 @@ def bend_by_rates(
 def turn_by_slopes(
     law: Law, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
 ) -> tuple[Memory, Scalar, Scalar]:
-    """Return the internal state after a turning point, and the impulses of the jump in slope."""
+    """Return the internal state after a turning point, and the effect of its kink on v and y."""
     path = StepPath.through(ends, quartic)
     top = y + path.before
     memory_at_top = law.move(y, memory, path.before)
@@ -186,7 +186,7 @@ def loop_by_moves(
 def harmonics_by_moves(
     law: Law, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar
 ) -> Complex[Array, " harmonic"]:
-    """Return the odd harmonics of F - K y, from a uniform grid over half a period."""
+    """Return the odd harmonics of the force's nonlinear part, from a grid over half a period."""
     points = max(_PERIOD_POINTS, 32 * q.shape[0]) // 2
     theta = crest(q) + np.pi * np.arange(2 * points) / points
     r = law.force_over_period(q, theta, max_turns, omega) - law.stiffness() * synthesis(q, theta)
@@ -196,7 +196,7 @@ def harmonics_by_moves(
 def force_by_moves(
     law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], omega: Scalar
 ) -> Float[Array, " time"]:
-    """Return the steady force over a period, the second of two (the first sets the state)."""
+    """Return the steady force over the second period of a motion; the first sets the memory."""
     y, v = synthesis(q, theta), omega * synthesis(q, theta, 1)
 
     def onward(carry: tuple, point: tuple) -> tuple[tuple, Array]:
@@ -210,7 +210,7 @@ def force_by_moves(
 
 
 def no_force(law: Law) -> str | None:
-    """Return a warning if a parameter is below its smallest value, else None."""
+    """Return a warning if a parameter is below its smallest allowed value, else None."""
     parameters = law.parameters()
     for quantity in law.table:
         least = float(np.min(np.asarray(parameters[quantity.name])))

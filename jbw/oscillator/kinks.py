@@ -38,11 +38,11 @@ class CubicPath(NamedTuple):
         return s * (self.c_1 + s * (self.c_2 + s * self.c_3))
 
     def slope(self, s: Scalar) -> Scalar:
-        """Return the first derivative of the path by s, h v [m]."""
+        """Return the first derivative of the path with respect to s, h v [m]."""
         return self.c_1 + s * (2.0 * self.c_2 + 3.0 * s * self.c_3)
 
     def bend(self, s: Scalar) -> Scalar:
-        """Return the second derivative of the path by s, h^2 dv/dt [m]."""
+        """Return the second derivative of the path with respect to s, h^2 dv/dt [m]."""
         return 2.0 * self.c_2 + 6.0 * s * self.c_3
 
 
@@ -52,7 +52,7 @@ def hermite(start: Scalar, end: Scalar, rise: Scalar) -> CubicPath:
 
 
 class PathSlopes(NamedTuple):
-    """Derivatives by the slopes at the start and the end of a path, and by its displacement."""
+    """Derivatives with respect to a path's slopes at start and end, and to its displacement."""
 
     start: Scalar
     end: Scalar
@@ -60,7 +60,7 @@ class PathSlopes(NamedTuple):
 
 
 def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
-    """Return the derivatives of a path's displacement, slope and curvature at s by its end data."""
+    """Return derivatives of displacement, slope and curvature at s with respect to path ends."""
     s_2 = s * s
     s_3 = s * s_2
     return (
@@ -116,7 +116,7 @@ class StepPath(NamedTuple):
         return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, quartic)
 
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
-        """Return when the path reaches a displacement before or after its turning point.
+        """Return the step fraction at which the path has a displacement, before or after its turn.
 
         Newton's iteration takes three steps, from the parabola about the turning point, or from the
         chord if the path does not turn. Only the last step carries the derivative.
@@ -135,7 +135,7 @@ class StepPath(NamedTuple):
         return self._nearer(s, target)
 
     def _nearer(self, s: Scalar, target: Scalar) -> Scalar:
-        """Return an improved time of reaching the displacement, by one Newton step."""
+        """Return a better estimate of when the path reaches a displacement, by one Newton step."""
         weight = s * (1.0 - s)
         move = self.cubic.move(s) + self.quartic * weight**2
         slope = self.cubic.slope(s) + 2.0 * self.quartic * weight * (1.0 - 2.0 * s)
@@ -145,7 +145,7 @@ class StepPath(NamedTuple):
 def passage(
     steady: Bool[Array, "..."] | bool, path: CubicPath, guess: Scalar, target: Scalar
 ) -> Scalar:
-    """Return when a path without a turning point reaches a displacement, else `guess`.
+    """Return when a path without a turning point reaches a displacement; return `guess` for others.
 
     It takes one Newton step, with an error of O(h^3).
     """

@@ -133,7 +133,7 @@ class Law(eqx.Module):
         return generic.move_by_rates(self, y, memory, dy)
 
     def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the internal state after one of many moves along a record.
+        """Return the internal state after one of the many short moves along a record.
 
         This is `move`, unless a law has a cheaper method than its exact move.
         """
@@ -165,7 +165,7 @@ class Law(eqx.Module):
         return Loop(*generic.loop_by_moves(self, y_peak, omega))
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the power of length of each parameter in addition to that of its unit, by name.
+        """Return each parameter's power of length beyond that of its unit, by name.
 
         Such powers belong to values stated at a fixed displacement: a stiffness loss at 1 mm that
         grows with the power q of the displacement scales with the power -q of the unit of length.
@@ -184,19 +184,19 @@ class Law(eqx.Module):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Branch
     ) -> tuple[Scalar, Scalar]:
-        """Return the force without its linear part, r = F - K y [N/kg], and h times its rate."""
+        """Return the force without its linear part, r = F - K y [N/kg], and its rate times h."""
         return generic.remainder_by_rates(self, h, y, v, memory)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Branch
     ) -> Scalar:
-        """Return half of h^2 times the second time derivative of r = F - K y, away from kinks."""
+        """Return h^2/2 times the second time derivative of r = F - K y, away from kinks."""
         return generic.bend_by_rates(self, h, (y, v, memory), a, branch)
 
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
     ) -> tuple[Memory, Bool[Array, "..."] | bool]:
-        """Return the internal state after a step without reversal; True if the law met a kink."""
+        """Return the internal state after a step without reversal, and True if it met a kink."""
         # If a kink such as yield is not reported here, the step is only accurate to first order in
         # h.
         return self.move(y, memory, dy), False
@@ -262,7 +262,7 @@ class Law(eqx.Module):
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return factors that convert the internal state to velocities; zero for counters.
+        """Return factors that convert the internal state to velocities; counters have zero.
 
         By default every entry is a force [N/kg] and its factor is 1 / omega_n.
         """

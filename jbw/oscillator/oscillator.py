@@ -71,7 +71,7 @@ class Oscillator(eqx.Module):
         return tuple(law.move(y, law_memory, dy) for law, law_memory in pairs)
 
     def follow(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
-        """Return the laws' internal states after one of many moves along a record."""
+        """Return the laws' internal states after one of the many short moves along a record."""
         pairs = zip(self.laws, memory, strict=True)
         return tuple(law.follow(y, law_memory, dy) for law, law_memory in pairs)
 
@@ -143,7 +143,7 @@ class BoucWen(eqx.Module):
 
     `omega_n` is the natural frequency at small amplitude, where the joint is fully stuck. Leaves
     may be scalars or arrays of one shape (a batch of joints). `restoring` adds a force f(y) to the
-    left side of the first equation; None, the default, gives the model of the paper.
+    left side of the first equation; None, the default, gives the model of Teloli et al.
 
     Attributes:
         omega_n: Natural frequency at small amplitude [rad/s].

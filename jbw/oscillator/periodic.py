@@ -140,7 +140,7 @@ def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
 def _value_and_slope(
     gap: Callable, x: Float[Array, " state"], sloped: Bool[Array, ""]
 ) -> tuple[Float[Array, " state"], Float[Array, "state state"]]:
-    """Return the change over a period and, where `sloped`, its derivative by differences.
+    """Return a state's change over a period and, where `sloped`, its derivative (by differences).
 
     Later Newton steps correct the error of the slope.
     """
@@ -265,7 +265,7 @@ def _shoot(
         lambda x: jnp.asarray(x, float), (joint, omega, amplitude)
     )
     unit, ratio, length = dimensionless(joint, omega, amplitude)
-    # y, y' and z/alpha over the length; the derivative is by theta = omega t.
+    # y, y' and z/alpha over the length; the derivative is with respect to theta = omega t.
     scale = length * jnp.stack([jnp.ones_like(omega), omega, joint.alpha])
     if initial is None:
         q = 1.0 / (1.0 - ratio**2 + 2j * unit.zeta * ratio)

@@ -67,7 +67,7 @@ class _Task(eqx.Module):
 def residual_sums(
     joint: Oscillator, source: HeldInput, fs: Scalar, substeps: int, compared: Compared
 ) -> Sums:
-    """Return the sums over a record's residual, differentiable by the joint and the gain.
+    """Return the sums over a record's residual, differentiable in the joint and the gain.
 
     Args:
         joint: The oscillator; the exact step must support all of its laws.
@@ -168,7 +168,7 @@ class _Summing(HysteresisExact):
     substeps: int
 
     def step(self, terms, t0, t1, y0, args: _Task, *progress):
-        """Advance by one substep, and add its residual to the sums."""
+        """Advance by one substep, and add the residual at its end to the sums."""
         rest = packed(args.stepping, _at_rest(args))
         count = len(jax.tree.leaves(rest))
         state, totals = y0[:count], y0[count:]

@@ -1,4 +1,4 @@
-"""The mathematics of the paper, Eqs. (1)-(42), with one function per equation.
+"""The mathematics of Teloli et al., Eqs. (1)-(42), with one function per equation.
 
 Functions are pure and work under `jit`, `vmap` and `grad`. Their docstrings state under `Reference`
 which equation they compute and whether the printed one is correct; where it is wrong,

@@ -94,7 +94,7 @@ def _taylor(c: Scalar, x: Array, order: int) -> Array:
 
 
 class Smoothing(eqx.Module):
-    """The coefficients of the smoothed hysteretic force, switched on the sign of the velocity.
+    """The coefficients of the smoothed hysteretic force, switched by the sign of the velocity.
 
     Attributes:
         lambda_0: Force at y = 0, opposing the motion [N/kg].

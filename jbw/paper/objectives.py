@@ -80,7 +80,7 @@ def kernel_constraints(omega_n: float) -> Bounds:
 def kernel_energy(
     h_3: Inexact[ArrayLike, "... freq"], omega: Float[ArrayLike, " freq"]
 ) -> Float[Array, "..."]:
-    r"""Return the energy of a kernel over the probing band, $\int_B |H_3(\omega)|^2\,d\omega$.
+    r"""Return the energy of a kernel over the band of the tones, $\int_B |H_3(\omega)|^2\,d\omega$.
 
     Args:
         h_3: Kernel of every draw at the probing frequencies [m^-2 s^6].

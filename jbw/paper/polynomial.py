@@ -122,7 +122,7 @@ def kernel_1(system: PolynomialOscillator, omega: Real) -> Kernel:
 
 
 def require_no_pole(stiffness: Real, damping: Real, omega: Real) -> None:
-    """Raise an error if a concrete frequency is a pole of the undamped receptance."""
+    """Raise an error if a frequency, unless JAX traces it, is a pole of the undamped receptance."""
     if not is_concrete(stiffness, damping, omega):
         return
     stiffness, damping, omega = (np.asarray(x) for x in (stiffness, damping, omega))

@@ -1,4 +1,4 @@
-"""The paper's equations (1) to (42) with the functions that compute them, read from docstrings."""
+"""The equations (1) to (42) of Teloli et al. with the functions that compute them."""
 
 import re
 from importlib import import_module
@@ -15,7 +15,7 @@ _SPAN = re.compile(r"\((\d+)\)(?:-\((\d+)\))?")
 
 
 class Equation(NamedTuple):
-    """One equation of the paper with a function that computes it.
+    """One equation of Teloli et al. with a function that computes it.
 
     Attributes:
         number: Number of the equation, 1 to 42.
@@ -31,7 +31,7 @@ class Equation(NamedTuple):
 
 
 def equations() -> tuple[Equation, ...]:
-    """Return the table of the paper's equations and the public functions that compute them.
+    """Return the table of the equations of Teloli et al. and the functions that compute them.
 
     Returns:
         Rows in the order of the equations; one equation may have several functions.
@@ -49,7 +49,7 @@ def equations() -> tuple[Equation, ...]:
 
 
 def rows_of(function: str, docstring: str) -> list[Equation]:
-    """Return the paper's equations to which a function's docstring refers."""
+    """Return the equations of Teloli et al. to which a function's docstring refers."""
     import inspect
 
     section = _SECTION.search(inspect.cleandoc(docstring))

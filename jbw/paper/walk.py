@@ -67,7 +67,7 @@ def random_walk(
     burn_in: float = 0.1,
     step_size: float | None = STEP_SIZE,
 ) -> Walk:
-    r"""Return one chain of the paper's random-walk sampler.
+    r"""Return one chain of the random-walk sampler of Teloli et al.
 
     A proposal outside the box is rejected and the state repeated. 850 steps of the published size
     cannot cross the box: the draws then show the starting values, not the posterior. Run several

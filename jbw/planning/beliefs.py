@@ -78,7 +78,7 @@ def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
 
 
 def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
-    """Return the names of stiffnesses as a share of omega_n^2, each with the stiffness itself."""
+    """Return names of parameters that are shares of omega_n^2, each with its stiffness's name."""
     return {
         monomial.name: name
         for law in laws_named(laws)

@@ -34,7 +34,7 @@ POSITIVE = Quantity("positive", "", "1", "a positive number", 0.0)
 
 
 def _range(value: Any) -> Range:
-    """Return [lower, upper] from a number or a pair; raise a ValueError unless of one sign.
+    """Return [lower, upper] from a number or a pair; raise a ValueError if the signs differ.
 
     A coefficient of variation (CV) needs a value that cannot be zero.
     """

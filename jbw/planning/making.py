@@ -55,7 +55,7 @@ def plan_tests(
     report: Callable[[str], None] = lambda sentence: None,
     parts: Parts = unkept,
 ) -> MeasurementPlan:
-    """Plan tests of a joint: the level, rate, tones and repeats that a wished CV needs.
+    """Plan tests of a joint: level, rate, tones and repeats that reach a wanted accuracy (CV).
 
     Args:
         description: Guesses, wishes and limits, or their plan file; if a run is given, which
@@ -242,7 +242,7 @@ InformationModes = tuple[Float[np.ndarray, "joint mode"], Float[np.ndarray, "joi
 
 
 def modes(precision: Matrices, information: Matrices) -> InformationModes:
-    """Return f_k and w_ik^2 of the modes F w_k = f_k P w_k, w_k^T P w_k = 1, by joint.
+    """Return information f_k and prior variance w_ik^2 along eigenvectors of F w = f P w, by joint.
 
     The modes make the prior P and the information F of one repeat diagonal.
     """

@@ -30,7 +30,7 @@ from jbw.report.messages import planning
 SHARES = (0.2, 0.45, 0.9)
 SPAN = (0.5, 1.5)  # frequency range of a sweep, relative to the natural frequency
 PERIODS = (200, 800)  # number of periods in a sweep, at its average frequency
-THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)  # probing tones of the paper, relative to omega_n / 3
+THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)  # probing tones of Teloli et al., relative to omega_n / 3
 NUM_STEPS = 15
 # number of points of a backbone, and ratio of its smallest to its largest amplitude
 NUM_POINTS, LEAST_SHARE = 14, 0.03
@@ -204,7 +204,7 @@ def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
 
 
 def _aimed(shape: PlannedSweep, level: float, y: float, beliefs: Beliefs) -> float:
-    """Return the level at which a sweep moves the most responsive of the possible joints by y."""
+    """Return the level at which a sweep moves the most responsive possible joint by y."""
     for _ in range(NUM_TRIES):
         peaks = peak_displacements(replace(shape, level=level), beliefs)
         bounded = peaks[np.isfinite(peaks)]

@@ -163,7 +163,7 @@ def _require_whole(fleet: xr.DataTree, name: str) -> None:
 
 
 def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], Any]:
-    r"""Return the part of each unit's posterior that its prior cuts off, and for which parameter.
+    r"""Return the part of each unit's posterior that a prior cuts off, and that prior's parameter.
 
     For a quantity that was not sampled itself, it is the part cut from each sampled parameter,
     times the share $\rho^2$ of the quantity's variance that this parameter explains. A product is

@@ -171,7 +171,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
 def _powers(
     population: Population, laws: Sequence[str], names: Sequence[str]
 ) -> Float[np.ndarray, "d parameter"]:
-    """Return the exponents of sampled parameters in the pooled coordinates."""
+    """Return the exponents of pooled quantities as products of powers of sampled parameters."""
     pooled = population.pooled
     sampled = rows_of(laws, names, pooled.parameters)
     powers = pooled.powers @ np.linalg.pinv(sampled)

@@ -61,7 +61,7 @@ class CovariateDesign(NamedTuple):
     saturates: Bool[np.ndarray, " d"] = np.zeros(0, bool)
 
     def at(self, torque: float | None) -> Float[np.ndarray, " covariate"]:
-        """Return the covariates of a unit with a given torque and its first tightening."""
+        """Return the covariates of a unit at its first tightening to the given torque."""
         row = np.zeros(len(self.columns))
         row[0] = 1.0
         if TORQUE in self.columns:
@@ -70,7 +70,7 @@ class CovariateDesign(NamedTuple):
 
 
 def design_of(torque: Sequence[float], sequence: Sequence[float]) -> CovariateDesign:
-    """Return the logarithmic design of the covariates that vary between the units."""
+    """Return the columns of those covariates, as logarithms, that vary between the units."""
     columns, x, reference = ["mean"], [np.ones(len(torque))], np.nan
     for name, values in ((TORQUE, np.asarray(torque)), ("sequence", np.asarray(sequence))):
         if np.isnan(values).all() or np.ptp(values[~np.isnan(values)]) == 0.0:

@@ -48,7 +48,7 @@ def expected(
 
 
 def bent(log_ratio: Reals, u: Reals) -> Float[Array, "..."]:
-    """Return the saturating curve with slope 1 minus that power law, at ln(T/T_ref)."""
+    """Return the saturating curve minus the power law with slope 1, at ln(T/T_ref)."""
     return saturating(jnp.exp(jnp.asarray(log_ratio)), u) - jnp.asarray(log_ratio)
 
 

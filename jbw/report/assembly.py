@@ -12,8 +12,8 @@ from jbw.errors import DataError
 from jbw.report import style
 from jbw.report.messages import figures as labels
 from jbw.report.result import branch
-from jbw.report.style import INK, MODEL, SOFT, Panels, finish, panels, plain, title
-from jbw.report.text import axis_label, length_unit, number, percent
+from jbw.report.style import INK, MODEL, SOFT, Panels, finish, panels, title
+from jbw.report.text import axis_label, length_unit, number, percent, plain
 
 JOINTS, ASSEMBLY = "joints", "assembly"
 EXAGGERATED = 0.12  # largest deflection over the structure's largest extent

@@ -24,8 +24,8 @@ from jbw.report.result import (
     parameters,
     verified,
 )
-from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, plain, title
-from jbw.report.text import NOTHING, number, percent, quantity, shown_as, spread_text
+from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, title
+from jbw.report.text import NOTHING, number, percent, plain, quantity, shown_as, spread_text
 
 # For each law with memory: the initial stiffness of its force, and the rate of this force.
 RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}

@@ -15,9 +15,9 @@ from jbw.report.messages import figures as captions
 from jbw.report.messages import identified
 from jbw.report.messages import tables as notes
 from jbw.report.result import branch, names_of
-from jbw.report.style import Panels, finish, panels, plain, stacks, title
+from jbw.report.style import Panels, finish, panels, stacks, title
 from jbw.report.table import Cell, Column, Table, by_sd, digits, named, shares, table
-from jbw.report.text import NOTHING, Names, axis_label, number, percent, quantity, symbol
+from jbw.report.text import NOTHING, Names, axis_label, number, percent, plain, quantity, symbol
 from jbw.report.words import combination
 from jbw.results.run import StoredDirection, StoredIdentifiability, StoredProfile, StoredShift
 

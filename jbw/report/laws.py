@@ -14,9 +14,9 @@ from jbw.report.messages import free_law as free_messages
 from jbw.report.messages import laws as messages
 from jbw.report.messages import tables as notes
 from jbw.report.sheet import Folded, Sheet, render_sheet
-from jbw.report.style import LEVELS, SOFT, Panels, draw_model, finish, panels, plain, shade, title
+from jbw.report.style import LEVELS, SOFT, Panels, draw_model, finish, panels, shade, title
 from jbw.report.table import Column, table
-from jbw.report.text import axis_label, length_unit
+from jbw.report.text import axis_label, length_unit, plain
 from jbw.report.words import Badge
 from jbw.results.laws import StoredLaws
 

@@ -8,7 +8,7 @@ import xarray as xr
 from jbw.report import style
 from jbw.report.messages import loads as messages
 from jbw.report.style import Panels, draw_model, finish, log_y, panels, shade, title
-from jbw.report.text import axis_label
+from jbw.report.text import axis_label, plain
 
 BAND = "99 % band"
 
@@ -19,7 +19,7 @@ def load_figure(name: str, dataset: xr.Dataset) -> Panels:
         (draw for variable, draw in FIGURES.items() if variable in dataset.data_vars), _levels
     )
     axes = draw(dataset)
-    title(axes.flat[0], style.plain(name))
+    title(axes.flat[0], plain(name))
     return axes
 
 

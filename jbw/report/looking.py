@@ -16,8 +16,8 @@ from jbw.measurement.records import Record
 from jbw.report import style
 from jbw.report.records import Samples, extremes
 from jbw.report.result import node
-from jbw.report.style import Panels, finish, log_y, panels, plain, shade, title
-from jbw.report.text import axis_label, length_unit, unit_text
+from jbw.report.style import Panels, finish, log_y, panels, shade, title
+from jbw.report.text import axis_label, length_unit, plain, unit_text
 
 MOST_NAMED = 12  # tests named in a legend
 DOTS = {"ls": "", "marker": ".", "ms": 4}

@@ -25,8 +25,8 @@ from jbw.report.result import (
     tests,
     unit_of,
 )
-from jbw.report.style import INK, MODEL, SOFT, Panels, draw_model, finish, panels, plain, shade
-from jbw.report.text import axis_label, length_unit, number, unit_text
+from jbw.report.style import INK, MODEL, SOFT, Panels, draw_model, finish, panels, shade
+from jbw.report.text import axis_label, length_unit, number, plain, unit_text
 
 MILLI, KILO, PERCENT = 1e3, 1e3, 100.0
 BAND_SDS = 5.15

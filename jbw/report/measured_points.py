@@ -8,7 +8,8 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 
 from jbw.report.result import HELD_OUT, node
-from jbw.report.style import INK, SKY, plain
+from jbw.report.style import INK, SKY
+from jbw.report.text import plain
 
 MARKERS = "osD^v<>"  # one marker per kind of test, repeated if there are more kinds
 # relative to the largest motion: measurements within this range are repeats of one another

@@ -4,6 +4,7 @@ The sentences state the effect of the joint, the errors of fitted and of held-ou
 parameters that are not identified, and the next step.
 """
 
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, log10
 
@@ -53,7 +54,15 @@ def opening(summary: RunSummary, tree: xr.DataTree) -> list[str]:
     doubts = [messages.doubtful(doubt) for doubt in summary.doubts]
     units = [messages.TORSION] if _unit_of_motion(summary) == "rad" else []
     effects = joint_sentences(summary.joints) or [effect_sentence(summary, tree)]
-    return [*effects, *units, *met, _unknown(summary), *doubts, _following(summary)]
+    return [
+        *effects,
+        *stiffness_sentences(summary, tree),
+        *units,
+        *met,
+        _unknown(summary),
+        *doubts,
+        _following(summary),
+    ]
 
 
 def split_sentence(summary: RunSummary) -> str | None:
@@ -141,6 +150,22 @@ def effect_sentence(summary: RunSummary, tree: xr.DataTree) -> str:
             f"{_change('damping ratio', 100 * damping, '%')}"
         )
     return messages.effect(LOW * y_peak * factor, y_peak * factor, unit, changes)
+
+
+def stiffness_sentences(summary: RunSummary, tree: xr.DataTree) -> list[str]:
+    r"""Return the sentence on the stiffness $\omega_n^2$ of a fully stuck joint of unknown mass.
+
+    The list is empty if a test shows a mode, or if the modal mass is stated.
+    """
+    frequency = summary.parameters.get("omega_n")
+    is_per_mass = json.loads(str(tree.attrs.get("held", "{}"))).get("gain") == 1.0
+    if _has_mode(summary) or frequency is None or not is_per_mass:
+        return []
+    known = {name: getattr(frequency, name) for name in ("mean", "q005", "q995")}
+    squared = {name: None if value is None else value**2 for name, value in known.items()}
+    stiffness = frequency.model_copy(update=squared)
+    is_rotation = _unit_of_motion(summary) == "rad"
+    return [messages.of_unknown_mass(*with_interval(stiffness)[:2], is_rotation=is_rotation)]
 
 
 def joint_sentences(joints: StoredJoints | None) -> list[str]:

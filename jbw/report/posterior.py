@@ -22,8 +22,8 @@ from jbw.report.result import (
     of_law,
     parameters,
 )
-from jbw.report.style import Panels, finish, panels, plain, title
-from jbw.report.text import axis_label
+from jbw.report.style import Panels, finish, panels, title
+from jbw.report.text import axis_label, plain
 
 POINTS = 400  # points of a density, and of a running mean
 BINS = 20  # bins of a histogram of ranks

@@ -21,8 +21,8 @@ from jbw.report.records import (
 )
 from jbw.report.responses import verification_curves, verification_groups
 from jbw.report.result import level_text, near_branch, quantiles, unit_of, unwrapped_band
-from jbw.report.style import Panels, finish, log_y, panels, plain, shade, title
-from jbw.report.text import axis_label
+from jbw.report.style import Panels, finish, log_y, panels, shade, title
+from jbw.report.text import axis_label, plain
 
 # For each figure of the report: the variables that it needs, and the group that it uses.
 FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (

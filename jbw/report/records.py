@@ -13,8 +13,8 @@ from jbw.report import style
 from jbw.report.chosen import Part, selected
 from jbw.report.messages import figures as labels
 from jbw.report.result import fitted_text, frequency, level_text, quantiles, tests, unit_of
-from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, plain, shade, title
-from jbw.report.text import axis_label, percent
+from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, shade, title
+from jbw.report.text import axis_label, percent, plain
 
 # Number of stretches of a whole record whose extremes are drawn, as many as the figure has points
 # across.

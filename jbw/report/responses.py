@@ -43,11 +43,10 @@ from jbw.report.style import (
     finish,
     log_y,
     panels,
-    plain,
     stacks,
     title,
 )
-from jbw.report.text import axis_label, number
+from jbw.report.text import axis_label, number, plain
 
 # largest number of measured points on a curve, so that the model behind them stays visible
 MOST_MARKS = 60

@@ -14,8 +14,7 @@ from pydantic import ValidationError
 
 from jbw.errors import DataError, reason_of
 from jbw.quantities import BY_NAME, GAINS, Quantity, in_dialect, natural
-from jbw.report.style import plain
-from jbw.report.text import about, quantity, symbol, unit_text
+from jbw.report.text import about, plain, quantity, symbol, unit_text
 from jbw.results.run import RunSummary
 from jbw.run.integrity import MARK, SEAL, damaged, unsealed
 from jbw.run.netcdf import read_tree

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
-from jbw.errors import ConfigError, printable
+from jbw.errors import ConfigError
 from jbw.report.messages import figures as labels
 
 # Okabe and Ito's palette differs for any colour vision and in grey.
@@ -146,11 +146,6 @@ def log_y(ax: Axes) -> None:
     ax.set_yscale("log")
     ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 5.0)))
     ax.yaxis.set_minor_formatter(LogFormatterSciNotation(minor_thresholds=(2.0, 2.0)))
-
-
-def plain(name: object) -> str:
-    """Return a name from a file as plain text, in which a dollar sign begins no formula."""
-    return printable(str(name)).replace("$", r"\$")
 
 
 def shade(ax: Axes, x: Any, lower: Any, upper: Any, colour: str, label: str, **look: Any) -> None:

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jbw.errors import printable
 from jbw.quantities import BY_NAME, Quantity, in_dialect
 from jbw.report.messages import opening
 
@@ -164,3 +165,8 @@ def _float(value: Any) -> float | None:
 
 def _exponent(value: float) -> int:
     return math.floor(math.log10(abs(value))) if value else 0
+
+
+def plain(name: object) -> str:
+    """Return a name from a file as plain text, in which a dollar sign begins no formula."""
+    return printable(str(name)).replace("$", r"\$")

@@ -1,4 +1,4 @@
-"""The paper's cantilever as a virtual test rig: `measure` a campaign, `write` it into files.
+"""The cantilever of Teloli et al. as a virtual test rig: `measure` a campaign, `write` its files.
 
 `measure_fleet` takes the joint apart and tightens it again, at several torques. `lapped_beams`,
 `portal_frame` and `plate_chain` return the matrices of structures with several joints.

@@ -66,8 +66,8 @@ def measure(
     Every test has its own streams of random numbers, so a subset of the tests, or fewer repeats,
     gives the same records as the whole campaign. Repeat r of every test is taken on day r. With
     `omega_n_cv` or `zeta_cv` the joint is reassembled each day and is the same that day in all
-    tests; each day's record then becomes a separate test, whose run is the day. The paper saw
-    0.0018 for omega_n between assemblies.
+    tests; each day's record then becomes a separate test, whose run is the day. Teloli et al.
+    found 0.0018 for omega_n between assemblies.
 
     Args:
         preset: "everyday", "laboratory", "paper", "mixed", "modes", "controlled" or your own
@@ -152,7 +152,7 @@ def _settings(
 ) -> Identify:
     """Return settings with held-out tests (middle sweep level, half of many repeats) and the prior.
 
-    The prior contains those bounds of the paper that include the specimen's true value.
+    The prior contains those bounds of Teloli et al. that include the specimen's true value.
     """
     sweeps = [plan for plan in plans if kind_named(plan.kind).is_transient]
     fitted = [kind for kind in rig.fit if kind in {plan.kind for plan in plans}]

@@ -56,7 +56,7 @@ def specimen_of_days(specimen: Specimen, count: int, conditions: Conditions) -> 
 
 
 def _scatter(cv: float, e: float) -> float:
-    """Return the log-normal factor of mean 1 and coefficient of variation `cv` for a normal e."""
+    """Return the log-normal factor of mean 1 and coefficient of variation `cv`, from a normal e."""
     variance = np.log1p(cv**2)
     return float(np.exp(np.sqrt(variance) * e - variance / 2.0))
 

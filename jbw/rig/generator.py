@@ -122,7 +122,7 @@ def analog(
     lag: float = 0.0,
     distortion: float = 0.0,
 ) -> Voltage:
-    """Return the excitation at t_i = i / rate - lag; distortion is order 3 relative to level."""
+    """Return the excitation at t_i = i / rate - lag; `distortion`: relative third harmonic."""
     if isinstance(excitation, Noise | Multisine):
         period = _period(excitation, phases, round(rate / fs), fs, lag * fs)
         return lambda i, j: period.take(np.arange(i, j), mode="wrap")
@@ -150,7 +150,7 @@ def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> 
 def _period(
     excitation: Noise | Multisine, phases: Samples, factor: int, fs: float, lag_samples: float
 ) -> Samples:
-    """Return one period of the lines at `factor` points per sample, by exact zero padding."""
+    """Return one period of noise or multisine at `factor` points per sample, by zero padding."""
     lines, num_points = np.arange(1, phases.size + 1), 2 * (phases.size + 1)
     if isinstance(excitation, Multisine):
         lines, num_points = excitation.lines, round(excitation.period * fs)

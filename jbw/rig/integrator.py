@@ -4,9 +4,9 @@ Nothing here is shared with the solvers of the identification: the rig takes the
 and has its own code for each law (`jbw.rig.law_forces`).
 
 The time step is much finer than the sampling: sixteen classical Runge-Kutta steps per sample, under
-the true force between the samples and not under a hold of the samples. With the paper's joint the
-velocity of a sweep is accurate to 2e-7 of its rms, at most 0.02 um/s in the laboratory's: 300 times
-below the resolution of 48 averaged repeats of a laser with 50 um/s.
+the true force between the samples and not under a hold of the samples. With the joint of Teloli et
+al. the velocity of a sweep is accurate to 2e-7 of its rms, at most 0.02 um/s in the laboratory's:
+300 times below the resolution of 48 averaged repeats of a laser with 50 um/s.
 """
 
 from collections.abc import Callable

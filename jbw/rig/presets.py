@@ -1,15 +1,15 @@
-"""The measurements on the rig: the paper's cantilever, its tests and six ways to measure it.
+"""The measurements on the rig: a cantilever (Teloli et al.), its tests, six ways to measure it.
 
 `everyday` is a working day of a laboratory: the structure is reassembled on each of three days,
-between which omega_n varies by 0.18 % as in the paper and zeta by 3 %. The laser adds 2 % of noise
-to every record. The tests are noise and sweeps at three levels, a free decay and a steady tone for
-verification, without probing tones.
+between which omega_n varies by 0.18 % as in Teloli et al. and zeta by 3 %. The laser adds 2 % of
+noise to every record. The tests are noise and sweeps at three levels, a free decay and a steady
+tone for verification, without probing tones.
 
-`laboratory` (the default) is the paper's programme, with almost noise-free records. Its gain is 15
-N/kg per volt, so that the three sweeps cause weak, medium and strong hysteresis (peaks of 1.4, 2.8
-and 5.4 mm), and it probes with 0.60 V.
+`laboratory` (the default) is the programme of Teloli et al., with almost noise-free records. Its
+gain is 15 N/kg per volt, so that the three sweeps cause weak, medium and strong hysteresis (peaks
+of 1.4, 2.8 and 5.4 mm), and it probes with 0.60 V.
 
-`paper` has a gain of 60 N/kg per volt and the paper's voltages throughout. Already the sweep of
+`paper` has a gain of 60 N/kg per volt and the published voltages throughout. Already the sweep of
 0.05 V then drives the joint to 5 mm, where z is saturated (delta y = 1.8), and that of 0.20 V to 21
 mm: its lowest level equals the strongest of `laboratory`. Steady tones at resonance reach 16 to 80
 mm.
@@ -23,9 +23,9 @@ the dissipation, and the loop the stiffness without the resonance.
 `controlled` is an afternoon with a controller and a measured shaker force: a phase-locked backbone
 and points at another phase, both controlled to half a degree, an S-curve, and free decays.
 
-`modes` is a structure of three modes with the paper's joint across it, and a shaker whose armature
-moves with the structure: tests about the first mode by measured force, tests by voltage, and a
-decay with the amplifier at zero volts. The key `drive` of each test says what drives it.
+`modes` is a structure of three modes with the published joint across it, and a shaker whose
+armature moves with the structure: tests about the first mode by measured force, tests by voltage,
+and a decay with the amplifier at zero volts. The key `drive` of each test says what drives it.
 """
 
 from collections.abc import Iterable, Mapping

@@ -36,7 +36,7 @@ Modal = Float[np.ndarray, " mode"]
 
 
 class Shapes(NamedTuple):
-    """The modes of the stuck joint, and the motion per unit of each mode [1/sqrt(kg)]."""
+    """The modes of the structure with the joint stuck, and the motion per unit [1/sqrt(kg)]."""
 
     omega: Modal  # natural frequencies [rad/s]
     zeta: Modal  # damping ratios [-]
@@ -107,7 +107,7 @@ def move(
     num_samples: int,
     fs: float,
 ) -> RigMotion:
-    """Simulate from rest under a source [V or N] at points i .. j - 1, `GRID` per sample."""
+    """Simulate from rest under a source [V or N], given at `GRID` points per sample."""
     require_double()
     doubled = doubles(structure)
     # Limits the number of compilations for short records.

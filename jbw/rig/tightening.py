@@ -186,7 +186,7 @@ def _order(num: int, assembly: int, seed: int) -> Sequence[int]:
 
 
 def _stated(campaign: RigCampaign, assembly: str, torque: float, sequence: int) -> RigCampaign:
-    """Return a campaign with its [assembly] table and without the paper's prior boxes."""
+    """Return a campaign with its [assembly] table, and without the published prior bounds."""
     table = Assembly(name=assembly, torque=torque, sequence=sequence)
     settings = campaign.settings.model_copy(update={"prior": {}})
     name = f"{campaign.name}, {assembly} at {torque:g} N m"

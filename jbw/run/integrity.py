@@ -10,7 +10,7 @@ from jbw.errors import DataError
 from jbw.run.files import hash_of
 
 SEAL = "sha256"  # field of a summary that has the hashes
-MARK = "hashes"  # attribute of a posterior's file that tells that its summary has hashes
+MARK = "hashes"  # attribute of a posterior's file, present if its summary has hashes
 
 
 def sealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:

@@ -116,7 +116,7 @@ def keep_compiled(purpose: str = "compiled") -> Path | None:
 
 
 def instructions() -> str:
-    """Return the processor's features in one line, or what else identifies its instructions."""
+    """Return the processor's features in one line, or another text that identifies them."""
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             name, _, features = line.partition(":")

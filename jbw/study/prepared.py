@@ -8,10 +8,9 @@ from typing import NamedTuple
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.identification.assemble import Measured, Report, measured_in
-from jbw.identification.proposed_laws import chosen
+from jbw.identification.proposed_laws import candidates, chosen
 from jbw.identification.usable import usable
 from jbw.observables.records import compile_beside
-from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import stages
 from jbw.study.look import Look, look_quietly
 
@@ -37,7 +36,7 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     """Return the usable tests, their measured frequency and damping, and the data for each step.
 
     This precedes all sampling, so that an error in a record costs no result. If a campaign states
-    no law and its readings propose several, it gets the one that fits best.
+    no law, it gets the first one that leaves only noise, or the one that fits best.
     """
     gain = force_per_unit(campaign)
     several = campaign.joints is not None
@@ -50,9 +49,8 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     report(stages.READING_RECORDS)
     look = look_quietly(replace(campaign, tests=accepted.tests))
     measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
-    read = look.record.laws
-    if campaign.states_laws or several or not read:
+    if campaign.states_laws or several:
         return PreparedTests(measured, look, accepted.left_out)
-    found = chosen(measured, dict.fromkeys([*read, *DEFAULT_LAWS]), seed, report)
+    found = chosen(measured, candidates(look.record.laws), seed, report)
     sentences = *accepted.left_out, found.sentence
     return PreparedTests(found.measured, look, sentences, found.theta)

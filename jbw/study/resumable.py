@@ -5,13 +5,13 @@ import json
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import xarray as xr
 
 from jbw import rig
 from jbw.campaign.load import load_with_doubts
 from jbw.inference.compiled import forget_when_many
-from jbw.report.figures import Beside
 from jbw.report.formats import formats_of
 from jbw.report.opening import opening
 from jbw.report.result import read_result
@@ -22,10 +22,15 @@ from jbw.study.identify import identify
 from jbw.study.store import save_report, save_result
 from jbw.study.study import input_hashes
 
+if TYPE_CHECKING:  # Matplotlib is loaded when something is drawn.
+    from jbw.report.figures import Beside
+
 Say = Callable[[str], None]
 
 
-def carried_out(run: Run, say: Say, beside: Beside | None = None) -> tuple[RunSummary, xr.DataTree]:
+def carried_out(
+    run: Run, say: Say, beside: "Beside | None" = None
+) -> tuple[RunSummary, xr.DataTree]:
     """Finish a run from its current state, and return its summary and its result tree.
 
     After a first answer only the result is written, and the run can be continued later. A second

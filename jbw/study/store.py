@@ -9,18 +9,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
 from jbw.errors import RunError
 from jbw.parts import ENDING, KeptParts, Parts, digest_of
-from jbw.report.figures import Beside, Files, draw_figures, figure_of
-from jbw.report.load_section import load_section
 from jbw.report.messages.run import REPEAT, going_on
-from jbw.report.page import write_page
-from jbw.report.prediction import prediction
-from jbw.report.style import Panels
 from jbw.results.run import RunSummary
 from jbw.run.files import put_whole, require_room
 from jbw.run.folder import lock
@@ -28,6 +23,10 @@ from jbw.run.integrity import MARK, sealed
 from jbw.run.manifest import versions
 from jbw.run.netcdf import write_tree
 from jbw.verification.places import safe
+
+if TYPE_CHECKING:  # Matplotlib is loaded when something is drawn.
+    from jbw.report.figures import Beside
+    from jbw.report.style import Panels
 
 PART = ".part"  # prefix of folders whose files are not yet results
 JOB, ASKED, LOCK = f"{PART}s", "asked.json", "lock"  # files of an unfinished job
@@ -152,7 +151,7 @@ def save_report(
     folder: Path,
     tree: xr.DataTree,
     summary: RunSummary,
-    beside: Beside | None = None,
+    beside: "Beside | None" = None,
     formats: Sequence[str] = (),
 ) -> None:
     """Write report.html into a result's folder; a failure leaves the result as it is.
@@ -160,6 +159,10 @@ def save_report(
     The figures are also saved in figures/ in each of `formats`. A second process, `beside`, draws
     some of them from the saved result.
     """
+    from jbw.report.figures import Files, draw_figures
+    from jbw.report.load_section import load_section
+    from jbw.report.page import write_page
+
     try:
         with writing(folder, *(["figures"] if formats else []), "report.html") as part:
             files = Files(part / "figures", formats) if formats else None
@@ -178,6 +181,8 @@ def save_predictions(
     folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
 ) -> None:
     """Write predictions.nc, predictions.json and a figure per test; if one fails, write none."""
+    from jbw.report.prediction import prediction
+
     tree = xr.DataTree.from_dict(
         {f"/{safe(test)}": comparison for test, comparison in found.items()}
     )
@@ -250,8 +255,10 @@ def write_json(path: Path, value: Any) -> None:
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def write_figure(path: Path, drawn: Panels) -> None:
+def write_figure(path: Path, drawn: "Panels") -> None:
     """Write a figure as PNG, completely or not at all."""
+    from jbw.report.figures import figure_of
+
     part = path.with_name(f".{path.name}.part")
     try:
         figure_of(drawn).savefig(part, dpi=130, facecolor="white", format=path.suffix[1:])

@@ -76,7 +76,7 @@ def _unloading(
     y: Float[Array, "loop phase"],
     laws: Laws,
 ) -> tuple[Float[Array, "loop phase"], Float[Array, ""]]:
-    """Return the force of hysteretic laws on unloading from given peaks, and their stiffness."""
+    """Return the hysteretic laws' force on unloading from given peaks, and their stiffness."""
     joint = oscillator_of(theta, laws)
     slipping = [law for law in joint.laws if jax.tree.leaves(law.at_rest())]
     memory = Oscillator(joint.omega_n, joint.zeta, slipping)
@@ -85,7 +85,7 @@ def _unloading(
 
 
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:
-    r"""Return frequency and damping against amplitude, measured in free decays and by the model.
+    r"""Return frequency and damping against amplitude, from free decays and from the model.
 
     $$X = \omega(Y)^p\,Y$$
 

@@ -128,7 +128,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
 def _carried(
     data: Points, draws: Draws
 ) -> tuple[Complex[np.ndarray, "draw group value"], NDArray[np.float64]]:
-    """Return the values of each data group for every draw, and the peak displacements [m]."""
+    """Predict the values of each data group for every draw; return also peak displacements."""
     point, column = np.asarray(data.point), np.asarray(data.position)[:, None]
     is_point = np.asarray(data.factor) != 0  # After the last point of a group, there is padding.
     held = np.array(data.of_force)
@@ -152,7 +152,7 @@ def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group v
 
 
 def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmonic"]:
-    """Return the odd harmonics of displacement of each draw at each point."""
+    """Return the odd harmonics of displacement at each point, for every draw."""
     # Newton's method starts from the measured motion, which is close only if the model is right,
     # and then from the median of the draws.
     motion = np.asarray(carry(motion_of, draws, data), complex)

@@ -46,12 +46,13 @@ SILENT = 1e-6
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Predict free decays from their start, until they have lost a quarter of their amplitude."""
+    """Predict free decays from their beginning, until a quarter of the amplitude is lost."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
         if in_dialect(stored.attrs.get("units", "")) == UNIT_OF[data.response]:
-            noise = RepeatNoise(float(stored.mean()), ALIKE)
+            draws = [str(dim) for dim in stored.dims if dim != "record"]
+            noise = RepeatNoise(float(stored.mean(draws).median()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.mean) ** 2)))
     compared = _compared(source, test, data, np.full(len(test.records), std))
     # The strongest record starts with this displacement, at the natural frequency.
@@ -100,12 +101,12 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
     data = _reduced(source, test)
     noise_of_label = noise_by_label(source.basis.decay)
     noise_std = np.array([noise_of_label[label] for label in data.groups.labels[:num_fitted]])
-    record_stds = np.append(noise_std, np.full(len(test.records) - num_fitted, noise_std.mean()))
-    return _compared(source, test, data, record_stds, num_fitted)
+    of_others = np.full(len(test.records) - num_fitted, np.median(noise_std))
+    return _compared(source, test, data, np.append(noise_std, of_others), num_fitted)
 
 
 def _reduced(source: Source, test: Test) -> Decays:
-    """Return decays as data for the likelihood, with the settings of the fitted decays."""
+    """Return decays as the likelihood needs them, with the settings of the fitted decays."""
     facts = source.basis.decay_facts
     no_shift = NO_SHIFT * float(np.mean(source.draws["omega_n"]))
     stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
@@ -247,7 +248,7 @@ def drifted(
 
 
 def _along(source: Source, data: Decays) -> Entered:
-    """Return a function that predicts records of one mode, for all draws and reference models."""
+    """Return a function that predicts one-mode records for all draws and all reference models."""
     decays, others = source.observed(data, decay_of)
 
     def entered(

@@ -65,7 +65,7 @@ class ForcedTests:
     def attempted(
         self, test: Test, build: Callable[[], Placed], what: str = ""
     ) -> dict[str, xr.Dataset]:
-        """Make a comparison; return its groups, or those made before it failed."""
+        """Make a test's comparisons; if one fails, return those made before."""
         under_way.info("%s", test.name)
         made: dict[str, xr.Dataset] = {}
         what = messages.comparison_of(test.name, what)
@@ -73,7 +73,7 @@ class ForcedTests:
         return made
 
     def missed(self, test: Test) -> AtAmplitude:
-        """Return the model discrepancy in the bands of a test; zero for fitted tests.
+        """Return the law's model discrepancy for the bands of a test; zero for fitted tests.
 
         The noise of fitted tests includes the discrepancy.
         """
@@ -84,7 +84,7 @@ class ForcedTests:
     def beside(
         self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
-        """Return the draws that predict a test, from its own run if that run was fitted."""
+        """Return the draws from which a test is predicted; for a fitted run, those of that run."""
         missed = self.missed(test) if discrepancy is None else discrepancy
         references = of_run(self.simpler, self.basis.run_of(test), drive_of(test))
         how = {"seed": self.seed, "references": references}
@@ -102,7 +102,7 @@ class ForcedTests:
     def marked(
         self, kind: str, name: str, test: Test, predicted: Predicted
     ) -> tuple[str, xr.Dataset]:
-        """Return the path and the dataset of a prediction, without bands if none can be stated."""
+        """Return a prediction with its path in the result tree, without a band if it has none."""
         attrs = {"noise": predicted.noise.says, **self.marks(test)}
         extrapolation = predicted.extrapolation(self.basis)
         if extrapolation is not None and not attrs["fitted"]:
@@ -130,7 +130,7 @@ class ForcedTests:
         yield self.marked("sweep", test.name, test, shown)
 
     def response(self, test: Test) -> Placed:
-        """Yield the comparison of the frequency response under random input, for a few draws."""
+        """Yield the comparison of a frequency response under random input, for a few draws."""
         source = replace(self.beside(test, NUM_FEW, NOTHING), references={})
         for where, frf in self.frf(motion_of(source, test, substeps=1)):
             yield where, frf.assign_attrs(discrepancy=0)
@@ -144,7 +144,7 @@ class ForcedTests:
             yield self.marked("curve", name, curve.test, predicted)
 
     def whole(self, test: Test) -> Placed:
-        """Yield the comparison of a test, predicted in the way of its kind."""
+        """Yield the comparison of a test with its prediction, as is usual for its kind."""
         source = self.beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS)
         yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
 
@@ -154,7 +154,7 @@ class ForcedTests:
             yield self.marked("controlled", name, test, predicted)
 
     def loop(self, test: Test) -> Placed:
-        """Yield the comparison of a held-out tone's hysteresis loop: the paper's validation."""
+        """Yield the comparison of a held-out tone's hysteresis loop, as in Teloli et al."""
         draws = self.beside(test, discrepancy=NOTHING).draws
         validated = loop_validation(test, draws, self.basis.laws)
         marked = validated.assign_attrs(scatter=int(self.basis.scatters(test)))
@@ -200,7 +200,7 @@ def verify_forced(
 def _curves_together(
     forced: ForcedTests, tests: Sequence[Test]
 ) -> dict[tuple[str | None, str, AtAmplitude], dict[str, Curve]]:
-    """Group curves by run, drive and model discrepancy, with fitted single tones apart."""
+    """Group curves by run, drive and model discrepancy; fitted single tones are kept separate."""
     curves = curves_of([test for test in tests if test.name in forced.fitted])
     held_out = [test for test in tests if test.name not in forced.fitted]
     curves |= curves_of(held_out, " (held out)")

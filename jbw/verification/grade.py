@@ -142,7 +142,7 @@ def status_of(seen: Seen, limit: float) -> Status:
 
 
 def _of_others(graded: Finding) -> Sequence[Amendment]:
-    """Return the changes that a grade makes to other findings on the law, which it includes."""
+    """Return the amendments by which a grade replaces other findings on the law."""
     if graded.status == "not assessed":
         return ()
     others = tuple(code for code in ASKED["law"] if code not in (GRADE, "cause", "no_hysteresis"))

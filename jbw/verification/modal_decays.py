@@ -29,7 +29,7 @@ OWN = "own_{}"  # name of a draw's normal deviation from the best initial state
 
 
 def modes_of_draws(draws: Draws) -> Modes | None:
-    """Return the modes of draws at their mean frequencies; None for a single mode."""
+    """Return the modes at the mean frequencies of the draws; None for a single mode."""
     hz = tuple(natural_hz(draws))
     return Modes(hz) if len(hz) > 1 else None
 

@@ -1,4 +1,4 @@
-r"""The residual constants of single tests in predictions, fitted to each test itself.
+r"""Residual constants of single tests, fitted to each test itself, in predictions.
 
 $$\min_{U, L} \sum \bigl(y - \hat y - (U + L/\omega^2)\,u\bigr)^2$$
 
@@ -33,7 +33,7 @@ def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tupl
     size = np.linalg.norm(columns_in_band, axis=1)[:, None]
 
     def added(response: Time) -> Time:
-        """Return the response to U and L that brings a prediction closest to the measurement."""
+        """Return the response to constants U and L that fits a prediction to the measurement."""
         residual = np.asarray(data.mean[0]) - in_band(response, data.lines)
         return np.linalg.lstsq((columns_in_band / size).T, residual)[0] @ (columns / size)
 

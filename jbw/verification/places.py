@@ -11,7 +11,7 @@ def place(group: str, name: str) -> str:
 
 
 def safe(name: str) -> str:
-    """Return a name that is valid in the result tree, in which a slash opens another group.
+    """Return a name that is valid in the result tree, where a slash begins a subgroup.
 
     HDF5 reads a name that consists of dots as this group or its parent.
     """

@@ -170,7 +170,7 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 
 
 def _reach(basis: Basis, test: Test, request: Request) -> float:
-    """Return a test's largest displacement, predicted by few draws, over the largest fitted."""
+    """Return a test's largest displacement over the largest fitted one, from a few draws."""
     if route_of(test) is predict_decay:
         return 1.0  # Before the prediction, the displacement is unknown.
     gain = _gain_for(basis, test, request)
@@ -197,7 +197,7 @@ def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0
 
 
 def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
-    """Return the gain for the source of a test; None if it is the source of the run."""
+    """Return the gain for the source of a test; None if the run has the same source."""
     drive = "force" if test.traits.is_prescribed else drive_of(test)
     if (stated := gain_of(request.gain, drive)) is not None:
         return stated
@@ -242,7 +242,7 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
 
 
 def row_of(dataset: xr.Dataset) -> dict[str, Any]:
-    """Return a prediction as plain numbers, with None for those that are unknown."""
+    """Return a prediction as plain numbers, with None for unknown values."""
     attrs = dataset.attrs
     columns = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
     row = {name: attrs.get(name) for name in columns}

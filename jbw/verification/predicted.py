@@ -119,14 +119,14 @@ class Source:
         num_repeats: float = 1.0,
         share: float = 1.0,
     ) -> tuple[NDArray[Any], dict[str, NDArray[Any]], float | None]:
-        """Return shifted draws, reference models, and the noise's standard deviation for bands.
+        """Return the shifted draws, the reference models, and the noise level for bands.
 
         The last value is the result of `std`.
         """
         return *about_law(model, others), self.std(known, model, num_repeats, share)
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
-        """Return the predictions of all draws, and of each reference model by name.
+        """Return the predictions of all draws, and those of each reference model by name.
 
         If the draws include a model discrepancy, the law without it is a reference named `LAW`.
         """
@@ -186,7 +186,7 @@ def is_measured(test: Test) -> bool:
 
 
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
-    """Predict with every draw, several in parallel, by one program for any number of draws."""
+    """Evaluate a prediction for every draw, several in parallel, by one program for any number."""
     # `predict` must be a function of a module, so that its compiled program is found again. All of
     # `args` except arrays is constant in that program.
     return at_points(_prediction, draws, (predict, args), lanes=min(LANES, count_of(draws)))
@@ -206,7 +206,7 @@ def noise_of(
     order: int = 0,
     behind: str = "",
 ) -> RepeatNoise:
-    """Return the noise of one repeat: fitted, from repeats, or the mean of similar fitted tests.
+    """Return the noise of one repeat: fitted, from repeats, or the median of similar fitted tests.
 
     `behind` is the text after the test's name in the label of its group, if it has several.
     """
@@ -230,7 +230,7 @@ def noise_of(
         }
     near = [std for level, std in comparable.values() if level == test.level]
     chosen = near or [std for _, std in comparable.values()]
-    return RepeatNoise(float(np.mean(chosen)), ALIKE) if chosen else NOT_KNOWN
+    return RepeatNoise(float(np.median(chosen)), ALIKE) if chosen else NOT_KNOWN
 
 
 def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:

@@ -87,7 +87,7 @@ class Basis:
     discrepancy: Discrepancy | None = None  # model discrepancy of the law; None if unknown
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
-        """Return the number of draws of this and of each other law, with its basis."""
+        """Return how many draws this law and each other law contribute, with the basis of each."""
         counts = [(round(share * num_draws), basis) for share, basis in self.beside]
         counts = [(count, basis) for count, basis in counts if count >= 2]
         num_first = num_draws - sum(count for count, _ in counts)
@@ -123,7 +123,7 @@ class Basis:
         return scattered(key, theta, self._scatter(theta, missed))
 
     def _scatter(self, draws: Draws, missed: AtAmplitude) -> tuple[float, ...]:
-        """Return the standard deviations of omega_n and zeta between runs and by discrepancy."""
+        """Return the sd of omega_n and zeta, due to differences of runs and model discrepancy."""
         by_law = missed.frequency * float(np.mean(draws["omega_n"])), missed.damping
         if not any(by_law):
             return self.scatter
@@ -176,7 +176,7 @@ class Basis:
         return self.discrepancy is not None and not self.discrepancy.is_nothing
 
     def has_fitted(self, test: Test) -> bool:
-        """Return whether a test was fitted: the name of a data group begins with its name."""
+        """Return whether a test was fitted: a data group's name begins with its name."""
         fitted = noise_by_label(self.posterior)
         matches = (belongs_to(label, test.name) for label in fitted)
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
@@ -282,7 +282,7 @@ def decay_attrs(data: Decays) -> dict[str, str]:
 
 
 def basis_of(tree: xr.DataTree) -> Basis:
-    """Return what a run predicts from, read from its result."""
+    """Return the inputs of a run's predictions, read from its result."""
     laws, attrs = laws_of_run(tree), tree.attrs
     posterior = tree["posterior"].to_dataset()
     # Predicted measurements have the same instrument errors, so no uncertainty is added for them.
@@ -328,7 +328,7 @@ def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
 
 
 def seen_of(test: Test) -> CampaignTest:
-    """Return a test's facts that predictions need: kind, source unit, compared quantity."""
+    """Return the facts of a test that predictions need: kind, source unit, compared quantity."""
     record = test.records[0]
     place = (test.level if np.isfinite(test.level) else None, family_of(test), drive_of(test))
     if test.traits.is_prescribed:

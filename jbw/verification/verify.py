@@ -156,7 +156,7 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
 
 
 def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
-    """Check whether a band's model discrepancy exceeds the error of a linear oscillator.
+    """Check whether a band's model discrepancy exceeds even the error of a linear oscillator.
 
     Empty if the bands have no discrepancy, or the joint has little effect: the linear oscillator is
     close, and no worse than the joint.
@@ -180,7 +180,7 @@ def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> li
 
 
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
-    # Harmonics and loops at another level may have another noise, so a mean noise proves nothing.
+    # At another level, harmonics and loops may have another noise: typical noise proves nothing.
     shares = {
         name: float(attrs["coverage"])
         for name, attrs in tests.items()

@@ -138,7 +138,7 @@ def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
 
 
 def _with_new_run(belief: Belief, prior: Belief) -> Belief:
-    """Return the distributions of all run lengths, after that of a run that begins now."""
+    """Put the distribution of a run that begins now in front of those of all other run lengths."""
     mean = np.broadcast_to(
         prior.mean[..., None, :], (*belief.mean.shape[:-2], 1, prior.mean.shape[-1])
     )

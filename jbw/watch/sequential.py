@@ -80,7 +80,7 @@ def particles_of(x: Float[np.ndarray, "particle d"], log_density: LogDensity) ->
 
 
 def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity) -> Update:
-    """Update the particles of a posterior by the likelihood of one more record.
+    """Update the particles of a posterior with the likelihood of one more record.
 
     `log_density` is that of the posterior with the record [nats].
     """

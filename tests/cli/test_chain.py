@@ -50,7 +50,7 @@ def test_from_matlab_files_to_a_report_by_the_commands_that_are_named(
     folder.mkdir()
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(
-        "jbw.study.store.draw_figures", lambda *_, **__: None
+        "jbw.report.figures.draw_figures", lambda *_, **__: None
     )  # the page has its own
     command, ran = f"jbw init {shlex.quote(str(matlab_folder(folder)))}", []
     while "identify" not in ran and len(ran) < 6:

@@ -15,7 +15,6 @@ import xarray as xr
 from jbw.cli import run
 from jbw.results.run import RunSummary
 from jbw.study import resumable
-from jbw.study import store as storage
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "study"))
 from damper_campaign import write_campaign
@@ -161,7 +160,7 @@ def test_a_demo_goes_on_from_its_first_second(tmp_path, monkeypatch, capsys):
 
 def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(resumable, "identified", lambda run, say: (xr.DataTree(), RunSummary()))
-    monkeypatch.setattr(storage, "write_page", lambda *_: 1 / 0)
+    monkeypatch.setattr("jbw.report.page.write_page", lambda *_: 1 / 0)
     out = tmp_path / "run"
     (tmp_path / "x.toml").touch()
     assert run(["identify", str(tmp_path / "x.toml"), "--out", str(out)]) == 1

@@ -83,3 +83,13 @@ def test_coordinates_in_which_nothing_can_be_solved_are_passed_over(monkeypatch)
     monkeypatch.setattr(curved, "about_valley", lambda *_: None)
     monkeypatch.setattr(curved, "dataset", nothing)
     assert curved.weighted_draws(jax.random.key(0), ready_about(), 4, 10) is None
+
+
+def test_draws_where_nothing_can_be_solved_are_replaced_by_others(monkeypatch):
+    theta = {"x": np.array([0.0, -1.0, 2.0, -3.0]), "y": np.arange(4.0)}
+    monkeypatch.setattr(curved, "at_points", lambda _, theta, data: np.sqrt(theta["x"])[:, None])
+    with np.errstate(invalid="ignore"):
+        density, found = curved.solvable_draws(jax.random.key(0), np.arange(4.0), theta, None)
+    assert found["x"][[0, 2]].tolist() == [0.0, 2.0]
+    assert set(found["x"]) == {0.0, 2.0}
+    np.testing.assert_array_equal(density, found["y"])  # Draws are replaced as a whole.

@@ -48,7 +48,7 @@ from jbw.inference.space.box import box
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, residual_by_label, stacked
 from jbw.observables.decay import Decays
-from jbw.observables.decay_drift import drift_of
+from jbw.observables.decay_drift import drift_of, left_out_decay
 from jbw.observables.noise import with_fitted_noise
 from jbw.report.messages import discrepancy as messages
 from jbw.verification.decays import _with_discrepancy, drifted
@@ -272,6 +272,27 @@ def test_a_drift_is_read_off_the_ratio_of_two_envelopes():
     assert drift.rate == pytest.approx(0.05, rel=1e-12)
     assert drift.frequency == pytest.approx(0.9, rel=1e-12)
     assert np.abs(drift.rest).max() < 1e-12
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_after_the_motion_is_no_drift(seed):
+    rng, time = np.random.default_rng(seed), np.linspace(0.5, 40.0, 800)
+    predicted = np.exp((-0.7 + 3j) * time)
+    noise = 0.003 * (rng.standard_normal(800) + 1j * rng.standard_normal(800))
+    found = left_out_decay(predicted + noise, predicted, time, (0.0, 0.0), 0.003, 1.0)
+    # Five standard deviations, which chance exceeds once in 2e6.
+    assert abs(found.drift.frequency) < 5 * found.frequency_std
+    assert abs(found.drift.rate) < 5 * found.rate_std
+    # The values within noise, which are left out, would add little.
+    assert found.rate_std < 2 * 0.003 / np.sqrt(np.sum(np.abs(predicted * time) ** 2))
+
+
+def test_a_record_within_noise_has_no_drift():
+    time, silence = np.linspace(0.5, 4.0, 80), np.full(80, 1e-3 + 0j)
+    found = left_out_decay(silence, silence, time, (0.1, 0.1), 1e-3, 1.0)
+    assert found.drift.frequency == found.drift.rate == 0.0
+    assert np.isinf(found.frequency_std)
+    assert np.isinf(found.rate_std)
 
 
 def test_envelopes_drift_apart_in_proportion_to_time():

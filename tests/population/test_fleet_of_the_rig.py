@@ -13,7 +13,6 @@ import jbw
 from jbw import rig
 from jbw.population.prediction import new_coordinates
 from jbw.rig.generator import Sweep
-from jbw.study import store
 
 TORQUES, NEW = (4.0, 8.0, 12.0), 10.0  # N m
 PLANS = tuple(
@@ -37,8 +36,8 @@ def coordinates(names, campaign):
 
 @pytest.mark.release
 def test_a_fleet_is_measured_identified_pooled_and_the_next_torque_predicted(tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
-    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
+    monkeypatch.setattr("jbw.report.figures.draw_figures", lambda *_: None)
+    monkeypatch.setattr("jbw.report.page.write_page", lambda *of: of[2].write_text("page"))
     conditions = {"how": LAW, "fs": 256.0, "noise_ratio": 0.05}
     fleet = rig.measure_fleet(PRESET, torques=TORQUES, assemblies=2, seed=1, **conditions)
     files = [rig.write(unit, tmp_path / f"unit_{i}") for i, unit in enumerate(fleet)]

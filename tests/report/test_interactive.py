@@ -17,7 +17,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.report import page
 from jbw.report.charts import CurvePoints, charts_of, decimated, shared_limit, traces
 from jbw.report.page import render_interactive, write_interactive
-from jbw.report.style import plain
+from jbw.report.text import plain
 
 HOSTILE = "</script><script>alert(1)</script> & <a href='javascript:x'>"
 

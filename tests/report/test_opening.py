@@ -23,7 +23,7 @@ from jbw.report.opening import (
     split_sentence,
 )
 from jbw.results.run import RunSummary, StoredJoints
-from jbw.study import resumable, store
+from jbw.study import resumable
 from jbw.study.summary import _turning
 
 QUANTILE = [0.005, 0.5, 0.995]
@@ -121,6 +121,18 @@ def test_a_prescribed_motion_tells_stiffness_and_no_frequency():
     assert lead(summary_of(), ["backbone", "loops"]) == "backbone"
     assert lead(summary_of(), ["backbone", "amplitude"]) == "amplitude"
     assert lead(summary_of(), ["ridge"]) is None
+
+
+@pytest.mark.parametrize(("gain", "said"), [(1.0, True), (0.5, False), (None, False)])
+def test_a_joint_of_unknown_mass_has_its_stiffness_and_the_mass_that_is_taken(gain, said):
+    rows = {"omega_n": facts(1000.0, 1e-3, unit="rad/s")}
+    given = tree_of()
+    given.attrs["held"] = "{}" if gain is None else f'{{"gain": {gain}}}'
+    found = opening(summary_of(rows), given)
+    # The square of 1000 rad/s and of its ends, 1000 -+ 2.576.
+    stated = "joint is 1e+06 [9.949e+05, 1.005e+06] N/m. These tests do not determine the modal "
+    assert any(stated in sentence for sentence in found) == said
+    assert any("parameters are those of 1 kg." in sentence for sentence in found) == said
 
 
 def test_rotations_are_written_in_radians_and_said_to_be():
@@ -230,8 +242,8 @@ def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkey
     step = {"statements": ["Drawn at once."], "verdict": {"status": "ok"}}
     summary = summary_of(findings=[finding("coloured_residual", "ok")], steps={"joint": step})
     monkeypatch.setattr(resumable, "identified", lambda *_: (tree_of(), summary))
-    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
-    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
+    monkeypatch.setattr("jbw.report.page.write_page", lambda *of: of[2].write_text("page"))
+    monkeypatch.setattr("jbw.report.figures.draw_figures", lambda *_: None)
     out, campaign = tmp_path / "short", tmp_path / "toy.toml"
     campaign.touch()
     assert run(["identify", str(campaign), "--out", str(out)]) == 0

@@ -16,7 +16,7 @@ import xarray as xr
 import jbw
 from jbw.cli import run
 from jbw.run.files import hash_of
-from jbw.study import many, store
+from jbw.study import many
 from jbw.study.resumable import digest_of
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -205,8 +205,8 @@ def test_a_fleet_that_is_killed_goes_on_and_ends_as_the_undisturbed_one(
     first = (tmp_path / "killed" / "unit_0" / "summary.json").stat().st_mtime_ns
 
     # The rest in threads of this process, which compiles but once, and without figures.
-    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
-    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
+    monkeypatch.setattr("jbw.report.figures.draw_figures", lambda *_: None)
+    monkeypatch.setattr("jbw.report.page.write_page", lambda *of: of[2].write_text("page"))
     with ThreadPoolExecutor(1) as pool:
         undisturbed = jbw.identify_many(files, tmp_path / "whole", executor=pool)
         found = jbw.identify_many(files, tmp_path / "killed", executor=pool)
@@ -234,8 +234,8 @@ def test_first_answers_of_several_are_kept_and_go_on_to_their_posteriors(
     tmp_path, monkeypatch, units
 ):
     files, out = units(2), tmp_path / "out"
-    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
-    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
+    monkeypatch.setattr("jbw.report.figures.draw_figures", lambda *_: None)
+    monkeypatch.setattr("jbw.report.page.write_page", lambda *of: of[2].write_text("page"))
     with ThreadPoolExecutor(1) as pool:
         first = jbw.identify_many(files, out, executor=pool, quick=True)
         again = jbw.identify_many(files, out, executor=pool, quick=True)
@@ -261,8 +261,8 @@ def test_dasks_workers_draw_what_a_thread_of_this_process_draws(tmp_path, monkey
         distributed.Client(cluster) as client,
     ):
         found = jbw.identify_many(files, tmp_path / "there", executor=client.get_executor())
-    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
-    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
+    monkeypatch.setattr("jbw.report.figures.draw_figures", lambda *_: None)
+    monkeypatch.setattr("jbw.report.page.write_page", lambda *of: of[2].write_text("page"))
     with ThreadPoolExecutor(1) as pool:
         here = jbw.identify_many(files, tmp_path / "here", executor=pool)
     require_same_fleets(found, here)

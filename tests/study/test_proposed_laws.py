@@ -11,7 +11,7 @@ from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ModelError
 from jbw.identification.assemble import measured_in
-from jbw.identification.proposed_laws import chosen
+from jbw.identification.proposed_laws import candidates, chosen
 from jbw.study.identify import identify
 
 OMEGA, ZETA, FS = 2 * np.pi * 20.0, 0.004, 512.0
@@ -52,6 +52,14 @@ def test_a_law_or_a_prior_of_the_file_is_never_replaced():
     assert not parse(CAMPAIGN).states_laws
     assert parse(CAMPAIGN + '[joint]\nlaws = ["bouc_wen"]\n').states_laws
     assert parse(CAMPAIGN + "[identify]\nprior = { alpha = [1.0, 1e4] }\n").states_laws
+
+
+def test_laws_are_tried_from_simple_to_rich_and_the_others_of_their_kind_last():
+    assert candidates(("iwan4", "masing_power")) == ("masing_power", "bouc_wen", "iwan4")
+    assert candidates(("cubic",)) == ("cubic", "bouc_wen", "quintic")
+    everything = candidates(())
+    assert everything[0] == "bouc_wen"
+    assert {"cubic", "quadratic_damping", "iwan4"} < set(everything)
 
 
 @pytest.mark.slow

@@ -48,7 +48,7 @@ def test_a_failing_report_leaves_the_result_and_says_how_to_try_again(tmp_path, 
     def fail(*_):
         raise ValueError("no such glyph")
 
-    monkeypatch.setattr(storage, "write_page", fail)
+    monkeypatch.setattr("jbw.report.page.write_page", fail)
     with pytest.raises(RunError, match="ValueError: no such glyph") as caught:
         save(tmp_path, a_tree(), {"campaign": "toy"})
     assert f"jbw report {tmp_path}" in caught.value.remedy

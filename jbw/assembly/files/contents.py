@@ -55,7 +55,7 @@ def require_sparse(name: str, shape: Sequence[int], entries: int) -> None:
 def of_labels(
     rows: Sequence[Dof], columns: Sequence[Dof], entries: np.ndarray
 ) -> tuple[Sparse, list[Dof]]:
-    """Return a symmetric matrix from entries with labels, and its degrees of freedom in order.
+    """Return a symmetric matrix from labelled entries, and its degrees of freedom in order.
 
     If only one triangle has entries, they are mirrored.
     """

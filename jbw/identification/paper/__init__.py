@@ -1,1 +1,1 @@
-"""The paper's own Steps 3 and 4 for Bouc-Wen's law, with earlier results fixed at their means."""
+"""Steps 3 and 4 of Teloli et al. for the Bouc-Wen law; earlier results are fixed at their means."""

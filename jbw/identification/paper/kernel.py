@@ -16,7 +16,7 @@ from jbw.paper.objectives import kernel_residual
 
 
 class KernelData(eqx.Module):
-    """The measured third-order kernel at the probing frequencies, over repeats."""
+    """The measured third-order kernel at the frequencies of the tones, over repeats."""
 
     omega: Float[Array, " freq"]  # probing frequencies [rad/s]
     mean: Complex[Array, " freq"]  # mean of H3 over the repeats [m^-2 s^6]
@@ -33,7 +33,7 @@ class KernelData(eqx.Module):
 
 
 def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
-    r"""Reduce the measured kernel to means and deviations, one entry per probing frequency.
+    r"""Reduce the measured kernel to means and deviations, one entry per tone.
 
     $$\sigma_i^2 = \frac{S_i}{2(K_i - 1)}$$
 
@@ -69,7 +69,7 @@ def reduce(kernels: Sequence[ThirdOrder], omega_n: float) -> KernelData:
 
 
 def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " freq"]:
-    r"""Return the paper's closed form of the third-order kernel at the probing tones [m^-2 s^6].
+    r"""Return the third-order kernel of Teloli et al. in closed form at the tones [m^-2 s^6].
 
     $$H_3(\omega) = -\lambda_3\,H_1(\omega)^3\,H_1(3\omega), \qquad
       \lambda_3 = \alpha\Bigl(\frac{\delta^2}{6} - \frac{35\,\delta}{96\,Y}\Bigr)$$
@@ -85,7 +85,7 @@ def predict(theta: Mapping[str, Array], data: KernelData) -> Complex[Array, " fr
 
 
 def log_likelihood(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " freq"]:
-    r"""Return the log likelihood of each probing frequency, with its noise integrated out.
+    r"""Return the log likelihood of the kernel at each tone, with its noise integrated out.
 
     $$\log p = -K \log\bigl(K\,|\bar H_3 - H_3(\theta)|^2 + S\bigr) + \mathrm{const}$$
 
@@ -101,7 +101,7 @@ def log_likelihood(theta: Mapping[str, Array], data: KernelData) -> Float[Array,
 def known_noise_log_likelihood(
     theta: Mapping[str, Array], data: KernelData
 ) -> Float[Array, " freq"]:
-    """Return the log likelihood as printed in the paper, with `noise_std` as the known noise.
+    """Return the log likelihood of Eq. (36) as printed, with `noise_std` as the known noise.
 
     Reference:
         Eqs. (34), (36).

@@ -1,4 +1,4 @@
-"""Comparison of the paper's sequential steps with the joint posterior."""
+"""Comparison of the sequential steps of Teloli et al. with the joint posterior."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -18,11 +18,11 @@ Moments = dict[str, tuple[float, float]]
 
 
 def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[str, Any]:
-    """Compare all parameters from the paper's sequential steps and from the joint posterior.
+    """Compare all parameters from the steps of Teloli et al. and from the joint posterior.
 
     The result contains the mean and sd by either route; `sd_ratio`, the joint posterior's sd over
     the cut's; `difference`, cut minus joint in sds of the joint; statements and wall times. It is
-    empty if the paper's steps (the cut) were not performed.
+    empty if the steps of Teloli et al. (the cut) were not performed.
 
     Reference:
         Section 3, Steps 2-4, against all parameters set to update.
@@ -44,7 +44,7 @@ def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[st
 
 
 def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
-    """Return mean and sd of each parameter from the paper's step that identifies it."""
+    """Return mean and sd of each parameter from the sequential step that identifies it."""
     moments: Moments = {}
     if linear is not None:
         mean, variance = linear.pooled.mean, np.diag(linear.pooled.covariance)

@@ -55,7 +55,7 @@ def measured_kernel(
 
 
 def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
-    r"""Return the paper's third-order kernel by an independent implementation.
+    r"""Return the third-order kernel of Teloli et al. by an independent implementation.
 
     $$H_3(\omega) = \frac{-\alpha\,(\delta^2/6 - 35\,\delta/(96 Y))}
       {(\omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega)^3\,
@@ -80,7 +80,7 @@ def ranked_quantities(design: KernelData) -> Mapping[str, Quantity]:
 
 
 def _lambda_3(theta: Theta, data: KernelData) -> Float[Array, ""]:
-    """Return the paper's lambda_3 at the displacement of the first tone."""
+    """Return the cubic coefficient lambda_3 of Eq. (31) at the displacement of the first tone."""
     delta, y_peak = theta["delta"], data.y_peak[0]
     return theta["alpha"] * (delta**2 / 6 - 35 * delta / (96 * y_peak))
 

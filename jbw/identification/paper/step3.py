@@ -36,8 +36,8 @@ from jbw.paper.objectives import kernel_energy
 from jbw.report.messages import paper_steps as messages
 
 NAMES = ("zeta", "alpha", "delta")
-# Half widths of the paper's prior ranges over their centres: alpha in [424.31, 589.61] is 507 +-
-# 16.3 %.
+# Half widths of the prior ranges of Teloli et al. over their centres: alpha in [424.31, 589.61] is
+# 507 +- 16.3 %.
 PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
 SAMPLERS = {
     "third_order_nuts": SamplingRequest("nuts", num_warmup=500, num_samples=500),
@@ -48,7 +48,7 @@ SAMPLERS = {
 
 @dataclass(frozen=True)
 class KernelFit:
-    """The initial fit of Step 3 within prior bounds, and the kernel of each probing test."""
+    """The initial fit of Step 3 within prior bounds, with the kernel measured by each tone."""
 
     kernels: tuple[ThirdOrder, ...]
     data: KernelData
@@ -57,7 +57,7 @@ class KernelFit:
 
 
 def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bounds:
-    """Return prior bounds as in the paper: a share of the initial fit on both sides."""
+    """Return prior bounds at fixed relative distances on both sides of the initial fit."""
     return {
         name: bounds_about(centre[name], 1 - share, 1 + share)
         for name, share in half_width.items()
@@ -66,7 +66,7 @@ def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bound
 
 
 def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrder, ...]:
-    """Return the third-order kernel of each probing test, without the source's own harmonic.
+    """Return the third-order kernel measured by each tone, without the source's third harmonic.
 
     The source's harmonic excites the structure while it slides under the tone, which is softer than
     in Step 2. A first kernel by H1 shows how much softer; the second kernel uses the softer
@@ -87,7 +87,7 @@ def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrd
 
 
 def _product(measured: ThirdOrder, linear: PooledFit) -> float:
-    r"""Return alpha*delta from a measured kernel, by the leading term of (31) [1/(m s^2)].
+    r"""Return alpha*delta from a measured kernel, by the leading term of Eq. (31) [1/(m s^2)].
 
     $$\lambda_3 \approx -\frac{35\,\alpha\delta}{96\,Y}, \qquad
       \lambda_3 = -\mathrm{Re}\frac{H_3}{H_1(\omega)^3 H_1(3\omega)}$$
@@ -118,10 +118,11 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
 
 
 def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Identify) -> KernelFit:
-    """Fit zeta, alpha and delta to probing tests; return the fit and the prior bounds.
+    """Fit zeta, alpha and delta to tones at a third of the resonance; return fit and prior bounds.
 
-    The box is the campaign's if it states one, otherwise that of the paper's widths around a first
-    fit within physical bounds. If the optimum lies at its bounds, `fit.at_bound` says so.
+    The prior bounds are the campaign's if it states any, otherwise those with the relative widths
+    of Teloli et al. around a first fit within physical bounds. If the optimum lies at its bounds,
+    `fit.at_bound` says so.
 
     Reference:
         Eqs. (38), (39).
@@ -146,13 +147,13 @@ def third_order_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample zeta, alpha and delta by (36) with NUTS, the paper's random walk, and a tuned one.
+    """Sample zeta, alpha and delta by (36) with NUTS, the original random walk, and a tuned one.
 
     NUTS and the tuned walk use coordinates along the ridge alpha*delta, from wall to wall of the
-    box, with the noise integrated out. The paper's walk uses the box itself, with the noise as
-    estimated. All chains start dispersed, so that their comparison is meaningful: the paper's
-    chain, started at one optimum, always agrees with itself. `statements` are put before those of
-    each step.
+    box, with the noise integrated out. The walk of Teloli et al. uses the box itself, with the
+    noise as estimated. All chains start dispersed, so that their comparison is meaningful: the
+    published chain, started at one optimum, always agrees with itself. `statements` are put before
+    those of each step.
 
     Reference:
         Eqs. (35), (36).
@@ -192,7 +193,7 @@ def draw(
 
 
 def as_noise(best: Fit) -> Fit:
-    """Return a fit whose residual counts as noise."""
+    """Return a fit with a covariance for which its residual counts as noise."""
     chi_square, dof = best.chi_square
     return replace(best, covariance=best.covariance * max(1.0, chi_square / max(dof, 1)))
 
@@ -212,7 +213,7 @@ def predicted(posterior: xr.Dataset, data: KernelData) -> NDArray[np.complex128]
 
 
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
-    r"""Return the kernel's energy over the probing band for each draw, shape (chain, draw).
+    r"""Return the kernel's energy over the band of the tones for each draw, shape (chain, draw).
 
     $$\int_B |H_3(\omega)|^2\,\mathrm{d}\omega$$
 

@@ -1,4 +1,4 @@
-"""Step 4 of the paper: gamma alone, with the earlier steps fixed at their means.
+"""Step 4 of Teloli et al.: gamma alone, with the earlier steps fixed at their means.
 
 With one free parameter, the misfit of each level is a smooth function of gamma. A few dozen solves
 at Chebyshev nodes determine it everywhere, and every sampler then uses the series.
@@ -178,7 +178,7 @@ def opening_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample gamma by NUTS and by the paper's random walk, with Steps 2 and 3 fixed.
+    """Sample gamma by NUTS and by the original random walk, with Steps 2 and 3 fixed.
 
     `statements` are put before those of each step.
 

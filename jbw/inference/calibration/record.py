@@ -191,7 +191,7 @@ def _law(num_replications: int, num_ranks: int) -> stats.distributions.rv_frozen
 def _bounds(
     num_replications: int, num_ranks: int, gamma: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return bounds of counts with half of the probability gamma on each side."""
+    """Return bounds that a count exceeds on either side with probability gamma/2 at most."""
     law = _law(num_replications, num_ranks)
     lower, upper = law.ppf(gamma / 2), law.isf(gamma / 2)
     # The quantile of a discrete distribution is the count or one of its neighbours.

@@ -148,7 +148,7 @@ def _in_rounds(
 def _posed(
     key: Key[Array, ""], model: Model
 ) -> tuple[dict[str, Array], Problem, Key[Array, ""], Key[Array, ""]]:
-    """Draw true values and simulate data; return them with the posterior and random keys."""
+    """Draw true values and simulate data; return them with their posterior and random keys."""
     key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
     truth = from_unit(jax.random.uniform(key_truth, (len(model.box.names),)), model.box)
     data = model.simulate(key_data, truth)

@@ -231,7 +231,7 @@ def residual_at(
 
 
 def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
-    r"""Return a function of point and flag: the residual (0) or its Jacobian (1).
+    r"""Return a function of a point and a flag that gives the residual (0) or its Jacobian (1).
 
     $$\frac{\partial r}{\partial s_i} \approx \frac{r(s + h e_i) - r(s - h e_i)}{2h}$$
 
@@ -243,7 +243,7 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
 
 def part_of(evaluate: Evaluate) -> Part:
-    """Return a function of point and flag that gives the residual (0) or its Jacobian (1)."""
+    """Return a function that gives the residual (flag 0) or its Jacobian (1) at a point."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -302,7 +302,7 @@ def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: in
 
 
 def _seen(residual_and_data: tuple[Residual, Any]) -> tuple[Residual, Any]:
-    """Return the residual with only those data that it depends on."""
+    """Return the residual with only those data on which it depends."""
     residual, data = residual_and_data
     return residual, seen_by(residual, data)
 

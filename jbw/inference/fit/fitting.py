@@ -129,7 +129,7 @@ def describe_optimum(
     box: Box,
     costs: NDArray[np.float64],
 ) -> Fit:
-    """Return the record of a fit from its optimum, residual and Jacobian."""
+    """Return a `Fit` from its optimum, residual and Jacobian."""
     values, rows = svd_of_all(jacobian)
     # Along no direction is the Gaussian wider than the prior.
     root = rows.T / np.maximum(values, 1 / BOX_STD)
@@ -207,7 +207,7 @@ def _solve(
 def linearise(
     residual: Residual, x: Float[Array, " parameter"], box: Box, data: PyTree
 ) -> tuple[Float[Array, "residual parameter"], Float[Array, " residual"]]:
-    """Return the Jacobian by normalised coordinates x, and the residual, in one pass."""
+    """Return the Jacobian with respect to normalised coordinates x, and the residual."""
 
     def both(x: Array) -> tuple[Array, Array]:
         residuals = real(residual(from_unit(x, box), data))

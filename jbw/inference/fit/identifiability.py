@@ -234,7 +234,7 @@ def _shift(values: Float[np.ndarray, " draw"], inside: NDArray[np.bool_]) -> flo
 def sensitivity_statements(
     sensitivity: Mapping[str, Sensitivity], texts: Mapping[str, str] | None = None
 ) -> list[str]:
-    """Return sentences on the means that depend on prior bounds; `texts` gives displayed names."""
+    """Return sentences on the means that depend on prior bounds; `texts` gives display names."""
     shown = texts or {}
     following = {name: row for name, row in sensitivity.items() if row.shift > FOLLOWS}
     moves = [

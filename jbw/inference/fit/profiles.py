@@ -190,7 +190,7 @@ def directions_sentence(spectrum: Information) -> str:
 
 
 def ties(spectrum: Information, products: Iterable[Product]) -> list[str]:
-    """Return sentences on products that are better determined than their factors."""
+    """Return sentences on products of parameters that are better determined than their factors."""
     return [sentence for product in products for sentence in _tie(spectrum.known, product)]
 
 
@@ -214,7 +214,7 @@ def _with_error(row: QuantityInformation) -> str:
 
 
 def _tie(rows: Mapping[str, QuantityInformation], product: Product) -> list[str]:
-    """Return a sentence if a product is better determined than its factors."""
+    """Return a sentence if a product of parameters is better determined than its factors."""
     row = rows[product.name]
     factors = [rows[name].relative for name in product.factors if name in rows]
     if _is_unlearnt(row) or not factors or row.relative >= TOLD_APART * min(factors):
@@ -327,7 +327,7 @@ def _value(place: float, held: int, box: Box) -> float:
 def walk(
     part: Part, start: NDArray[np.float64], held: int
 ) -> tuple[Float[np.ndarray, "point parameter"], Float[np.ndarray, " point"]]:
-    """Return optima and chi-squares along one coordinate, on both sides of a fit."""
+    """Return optima and chi-squares along one coordinate, away from a fit on both sides."""
     sd = _sd(part(start, 1), held)
     centre = float(np.sum(part(start, 0) ** 2))
     sides: list[list[Point]] = []

@@ -38,7 +38,7 @@ PART = 0.3
 
 
 class Floor(NamedTuple):
-    """The bottom of a valley: the optimum of all other parameters at values of one parameter.
+    """The bottom of a valley: the optimum of all other parameters for each value of one parameter.
 
     Attributes:
         held: Index of the fixed parameter.
@@ -86,7 +86,7 @@ class Valley(Coordinate):
     def _at(
         self, q: Float[Array, ""]
     ) -> tuple[Float[Array, " other"], Float[Array, "other other"]]:
-        """Return the valley's bottom (extrapolated outside) and the root (constant outside)."""
+        """Return the valley's bottom and root; beyond its points, extrapolated and constant."""
         i = jnp.clip(jnp.searchsorted(self.knots, q) - 1, 0, self.knots.size - 2)
         length = self.knots[i + 1] - self.knots[i]
         part = jnp.clip((q - self.knots[i]) / length, 0.0, 1.0)
@@ -133,7 +133,7 @@ def along_valley(
 
 
 def _moments(floor: Floor, coordinate: Composed) -> tuple[float, float]:
-    r"""Return mean and variance along the valley of $e^{-\chi^2(q) / 2}\,|\det|$ at w = 0."""
+    r"""Return the mean and variance of $e^{-\chi^2(q) / 2}\,|\det|$ along the valley, at w = 0."""
     size, knots = floor.points.shape[1], floor.points[:, floor.held]
     q = np.linspace(knots[0], knots[-1], NUM_POINTS)
     x = jnp.zeros((NUM_POINTS, size)).at[:, floor.held].set(jnp.asarray(q))

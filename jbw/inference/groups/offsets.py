@@ -169,7 +169,7 @@ def run_numbers(runs: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def members(numbers: tuple[int, ...]) -> Float[Array, "part whole"]:
-    """Return a matrix that is one where a part (row) belongs to a whole (column), else zero."""
+    """Return a matrix with a one where an item (row) belongs to a group (column), else zero."""
     return jnp.asarray(np.eye(max(numbers) + 1)[list(numbers)])
 
 
@@ -179,7 +179,7 @@ def shrunk(
     runs: tuple[int, ...],
     scatter: Float[Array, " own"],
 ) -> tuple[list[Float[Array, "_group _value"]], Float[Array, "run own"]]:
-    r"""Return residuals minus the effect of optimal run offsets, and these offsets over scatter.
+    r"""Return residuals minus the effect of optimal run offsets, and offsets over their scatter.
 
     $$\hat b_r = (W_r + S^{-1})^{-1} \sum_{g \in r} J_g r_g, \qquad r_g - J_g^T \hat b_r,
       \qquad S^{-1/2}\,\hat b_r$$
@@ -190,7 +190,7 @@ def shrunk(
     member = members(runs)
     slopes = [
         scatter[:, None] * direction for direction in directions
-    ]  # derivatives by offsets over their scatter
+    ]  # derivatives with respect to offsets divided by their scatter
     precision = jnp.concatenate([jnp.einsum("gin,gjn->gij", slope, slope) for slope in slopes])
     pull = jnp.concatenate(
         [jnp.einsum("gin,gn->gi", slope, r) for slope, r in zip(slopes, residuals, strict=True)]

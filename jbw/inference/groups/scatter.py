@@ -125,7 +125,7 @@ def _of_runs(estimates: Estimate, levels: Levels) -> _Information:
 def _nodes(
     runs: _Information, levels: Levels, scatters: Float[Array, "node level_own"], num_own: int
 ) -> Float[Array, " node"]:
-    """Return the log density of the offsets at each prior value of their scatter."""
+    """Return the log density of the offsets for each prior value of their scatter."""
 
     def at_scatter(scatter: Float[Array, " level_own"]) -> Float[Array, ""]:
         log_density = _integrated(runs, scatter[:num_own])
@@ -152,7 +152,7 @@ def _integrated(data: _Information, scatter: Float[Array, " own"]) -> Float[Arra
 
 
 def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Information:
-    """Return the likelihood of assembly offsets a from that of run offsets b = a + c.
+    """Return the likelihood of assembly offsets a that follows from that of run offsets b = a + c.
 
     It has the precision W - W G W and the linear term h - W G h, $G = (W + S^{-1})^{-1}$.
     """

@@ -62,12 +62,12 @@ class Finding:
 
     @property
     def reason(self) -> str:
-        """The result of the check as a sentence, with additions of later checks."""
+        """Return the result of the check as a sentence, with the additions of later checks."""
         return " ".join([self.fact, *(sentence for sentence, _ in self.additions)])
 
     @property
     def fact(self) -> str:
-        """The result of the check as a sentence, without additions of later checks."""
+        """Return the result of the check as a sentence, without the additions of later checks."""
         if isinstance(self.values, str):
             return self.values
         return sentence_of(self.entry or self.code, self.values, passed=self.status == "ok")
@@ -170,7 +170,7 @@ def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = 
 
 
 def answered(findings: Sequence[Finding]) -> Status:
-    """Return the status of one question: the law's grade if there is one, else the worst."""
+    """Return the status of one question: the grade of the law if there is one, else the worst."""
     grade = next((finding for finding in findings if finding.code == GRADE), None)
     return grade.status if grade else worst_of({finding.status for finding in findings})
 
@@ -184,7 +184,7 @@ def worst_of(statuses: Collection[Status]) -> Status:
 
 
 def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
-    """Return an amendment by which failed findings become usable within stated limits."""
+    """Return an amendment that turns failed findings into usable ones within stated limits."""
     return Amendment(codes, "failed", "usable", limits)
 
 

@@ -203,7 +203,7 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
-    """Return the findings on a sampler that is no Markov chain, from its statistics."""
+    """Return the findings on a sampler that is not a Markov chain, from its statistics."""
     findings = []
     other = {"sampler": other_sampler()}
     if "khat" in facts:
@@ -226,7 +226,7 @@ def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Finding]:
-    """Return a finding if time ran out before there were enough draws, with the needed time."""
+    """Return a finding if time ran out before enough draws were made, with the time needed."""
     if "budget_spent_s" not in facts:
         return []
     spent = float(facts["budget_spent_s"])
@@ -306,7 +306,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | N
 def _repeated(
     values: Float[np.ndarray, " draw"], grid: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, " place"]:
-    r"""Return the standard error of the share s of draws below a value, with repeated points.
+    r"""Return the standard error of s, the share of draws below a value, for repeated points.
 
     $$(1 - s)^2 \sum_{below} w^2 + s^2 \sum_{above} w^2$$
     """

@@ -126,7 +126,7 @@ def gather(
 
 
 def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
-    """Return the effective number of draws that `num_points` points around the fit give."""
+    """Return the effective number of draws that `num_points` trial points around the fit give."""
     return weighed(_grown(generator(key), None, problem, num_points)).effective
 
 

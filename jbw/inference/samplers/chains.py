@@ -45,7 +45,7 @@ class Kernel(NamedTuple):
 class Draws(NamedTuple):
     """Equally weighted draws from a posterior, with the sampler's statistics.
 
-    `possible` tells whether the posterior is possible at all points where the sampler must start,
+    `possible` states whether the posterior is possible at all points where the sampler must start,
     `arrived` whether the sampler finished. `facts` concern the whole run, such as log_evidence
     [nats] and its error. `groups` are further groups of the tree: group to variable to (dimensions,
     values).
@@ -138,7 +138,7 @@ def advance_chains(
     make: MakeKernel,
     options: Any,
 ) -> tuple[PyTree, Draw]:
-    """Take `count` steps, compiled for all counts up to `capacity`; further rows are zero."""
+    """Take `count` steps, compiled for all counts up to `capacity`; unused rows are zero."""
 
     def advance(state: PyTree, shared: tuple[Problem, Array]) -> tuple[PyTree, Draw]:
         problem, count = shared
@@ -155,7 +155,7 @@ def evaluate_chains(
     problem: Problem,
     chain_method: str,
 ) -> Float[Array, "chain draw term"]:
-    """Evaluate the log likelihood's terms [nats] at draws from first to last, else zero."""
+    """Evaluate the log likelihood's terms [nats] at draws `first` to `last`; others are zero."""
 
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
         problem, first, last = shared

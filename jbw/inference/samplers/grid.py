@@ -105,7 +105,7 @@ def whitened_by(
     covariance: Float[Array, "parameter parameter"],
     first: int = 0,
 ) -> Affine:
-    """Return normalising coordinates of which only the first one moves a given parameter."""
+    """Return whitened coordinates of which only the first one changes a given parameter."""
     order = np.array([first, *(i for i in range(mean.size) if i != first)])
     root = jnp.linalg.cholesky(covariance[np.ix_(order, order)])
     return Affine(mean, jnp.zeros_like(root).at[order].set(root))

@@ -18,7 +18,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from blackjax.smc import resampling
 from jaxtyping import Array, Float, Key
 from numpy.typing import NDArray
 
@@ -124,6 +123,8 @@ def _resampled(key: Key[Array, ""], weights: Float[Array, " draw"], options: Opt
 
     Copies of a point are adjacent, so an effective size from autocorrelation counts them as one.
     """
+    from blackjax.smc import resampling  # loaded when something is sampled
+
     groups = weights.reshape(options.num_chains, -1)
     shares = groups / jnp.sum(groups, axis=1, keepdims=True)
     keys = jax.random.split(key, options.num_chains)

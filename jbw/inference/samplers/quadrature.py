@@ -110,7 +110,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 def _on_its_axis(
     i: int, problem: Problem, moments: LogitMoments, count: int
 ) -> tuple[Marginal, Grid]:
-    """Return one parameter's marginal distribution, and a grid with the parameter on one axis."""
+    """Return one parameter's marginal distribution, and a grid with an axis along the parameter."""
     whitening = whitened_by(moments.mean, moments.covariance, first=i)
     bounds = bounds_of(problem, whitening, moments, FACES[len(problem.box.names)])
     # The rule also converges in the stretched coordinate: it is as smooth, with as low ends.

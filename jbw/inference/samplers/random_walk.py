@@ -1,4 +1,4 @@
-r"""The paper's sampler: a Metropolis-Hastings random walk, section 3.2.
+r"""The sampler of Teloli et al., section 3.2: a Metropolis-Hastings random walk.
 
 $$x' = x + \sigma_p L \eta, \quad \eta \sim N(0, I); \qquad
 P(\text{accept}) = \min\{1, p(x')/p(x)\}\ \text{inside}, \ 0\ \text{outside}$$

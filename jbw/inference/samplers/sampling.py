@@ -187,7 +187,7 @@ def draw_posterior(
     drawn, terms, earlier = outcome
     tree = _tree(drawn, terms, target.box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}
-    # The time is stored apart, since it differs between equal runs.
+    # The time is stored separately, since it differs between runs that are otherwise equal.
     tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))
     tree.attrs |= {
         **_plain(chosen._asdict()),
@@ -221,7 +221,7 @@ def _request(sampler: str, keywords: Mapping[str, Any]) -> SamplingRequest:
 
 
 def _chosen(keywords: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
-    """Return the keywords that have one of the given names."""
+    """Return those keyword arguments that have one of the given names."""
     return {name: keywords[name] for name in names if name in keywords}
 
 
@@ -283,7 +283,7 @@ def _tree(
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return values that netCDF can store: booleans as 0 and 1, without None."""
+    """Return values in a form that netCDF can store: booleans as 0 and 1, without None."""
     plain = {n: np.asarray(value).tolist() for n, value in values.items() if value is not None}
     return {n: int(value) if isinstance(value, bool) else value for n, value in plain.items()}
 

@@ -14,7 +14,7 @@ Pair = tuple[Mixture, Mixture]  # the mixtures from which points of even and of 
 
 
 class Past(NamedTuple):
-    """All points so far, with the mixtures from which they were drawn.
+    """The points drawn so far, with the mixtures from which they were drawn.
 
     Attributes:
         w: Whitened points.

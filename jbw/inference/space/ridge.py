@@ -97,7 +97,7 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 
 
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
-    """Return coordinates near a fit whose ridge is the least determined direction."""
+    """Return sampling coordinates near a fit, one of them along the least determined direction."""
     logarithms = never_zero(theta, covariance, box)
     in_logs = in_logarithms(theta, covariance, box, logarithms)
     # If the prior's lower bound is zero, logarithms end at a negligible value.
@@ -122,10 +122,10 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
 
 
 def _ridge_of(in_logs: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
-    """Return the ridge along the least determined direction, in units of the prior ranges.
+    """Return the coordinates of a ridge in the least determined direction, scaled by prior ranges.
 
-    Its members contribute to that direction. Logarithms that reach down to a floor are not divided
-    by their width here, because this large width would make them look small.
+    Its members contribute to that direction. Logarithms with a lower limit in place of a bound of
+    zero are not divided by their width here, because this large width would make them look small.
     """
     lower, width = np.asarray(in_logs.lower), np.asarray(in_logs.upper - in_logs.lower)
     covariance = np.asarray(in_logs.covariance)

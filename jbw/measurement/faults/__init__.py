@@ -1,1 +1,1 @@
-"""Faults of records: hypotheses, one file each, and plain checks of samples."""
+"""The faults that records may have, one per file, and plain checks of samples."""

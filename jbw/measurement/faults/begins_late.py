@@ -116,7 +116,7 @@ def late_blow(record: Record, course: _Beginning) -> float | None:
 
 
 def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None:
-    """Return when a quiet record turns loud within one period [s]; None if it does not."""
+    """Return when a quiet record becomes loud within one period [s]; None if it does not."""
     first, period = round(begins * fs), whole_up(fs / centre_hz)
     size = np.abs(x[first:] - np.median(x[first:]))
     size = size / size.max()

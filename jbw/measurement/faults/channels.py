@@ -27,9 +27,9 @@ GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration":
 
 
 def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
-    """Return all faults that the checks find in a record, errors first."""
-    # With `masked`, samples may be NaN. `is_curve` tells whether a frequency channel holds the
-    # lines of a curve.
+    """Return all faults that the checks find in a record, errors before warnings."""
+    # With `masked`, samples may be NaN. `is_curve` states whether a frequency channel contains
+    # the frequencies of a response curve.
     faults, lengths = [], {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())

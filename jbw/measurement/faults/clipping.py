@@ -32,7 +32,7 @@ class Clipping(Hypothesis):
     name = "clipping"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the part of the predicted responses that exceeds the largest measured ones."""
+        """Yield the residual that clipping explains: predictions above the largest measurement."""
         cut, count, total = {}, 0, 0
         for label, spectrum in in_time(misfit.spectra).items():
             model, most = spectrum.values - spectrum.residual, np.max(np.abs(spectrum.values))

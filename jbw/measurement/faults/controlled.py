@@ -84,7 +84,7 @@ def _off_phase(
 def _jumps(
     role: str, curve: ControlledCurve, numbers: NDArray[np.intp], *, is_locked: bool
 ) -> Iterator[Fault]:
-    """Yield a warning if the motion jumped to another branch between neighbouring points."""
+    """Yield a warning if the motion jumped to another branch of solutions between points."""
     steps = _steps_apart(curve, is_locked=is_locked)
     if not steps.any():
         return

@@ -18,7 +18,7 @@ SMOOTHED = 0.02  # share of the values over which the drive is smoothed
 
 
 class DropOff(Hypothesis):
-    """The noise of a drive that is left where it falls at the resonance."""
+    """The noise of a drive, where its amplitude falls to the noise at the resonance."""
 
     name = "drop-off of the drive"
 
@@ -29,7 +29,7 @@ class DropOff(Hypothesis):
 
 
 def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
-    """Return the smallest drive over its median, and its relative noise; None if it is no drop."""
+    """Return the smallest drive over its median, and its relative noise; None without a drop."""
     smooth, rough = drive_course(signal)
     least = float(smooth.min())
     noise = rough / least
@@ -37,7 +37,7 @@ def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
 
 
 def drive_course(signal: SweepSignal) -> tuple[Reals, float]:
-    """Return the smoothed size of a drive over its median, and the rms of the rest around it."""
+    """Return a drive's smoothed size over its median, and the rms of the rest around this size."""
     size = np.abs(signal.u)
     # Of few values, a quarter.
     width = max(min(max(int(SMOOTHED * len(size)), 5), len(size) // 4), 1)

@@ -1,4 +1,4 @@
-"""Reading of a record once, with its table and faults; results are cached for later commands."""
+"""One examination of each record for all commands: frequency, damping, faults, kept in a cache."""
 
 import hashlib
 import json
@@ -37,7 +37,7 @@ SOURCES = ("jbw.measurement.readings", "jbw.measurement.faults", "jbw.report.mes
 
 @dataclass(frozen=True)
 class Examined:
-    """The reading of one record, with its faults and the band that was read.
+    """The frequency and damping read from one record, with its faults and the band used.
 
     Attributes:
         reading: Frequency and damping against amplitude; None if they cannot be read.
@@ -54,7 +54,7 @@ _read: dict[str, Examined] = {}
 
 
 def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Examined:
-    """Read a record of a decay and find its faults.
+    """Determine frequency, damping and faults of a record of a free decay.
 
     Args:
         record: A record whose samples are all finite.
@@ -67,7 +67,7 @@ def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Exa
 
 
 def read_decays(test: Test) -> list[ModeReading | None]:
-    """Return the reading of every record of a decay test; None for each unreadable record.
+    """Return frequency and damping of every record of a decay test; None for unreadable records.
 
     Raises:
         DataError: No record can be read.
@@ -84,7 +84,7 @@ def read_decays(test: Test) -> list[ModeReading | None]:
 
 
 def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
-    """Read a record of a sweep and find its faults.
+    """Determine frequency, damping and faults of a record of a sweep.
 
     Args:
         record: A record whose source and response have finite samples.
@@ -120,7 +120,7 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
 
 
 def _read_fits(fits: Fits) -> ModeReading | None:
-    """Return the readings of a record's fits; None if their errors cannot be computed."""
+    """Return frequency and damping from a record's fits; None if their errors are unknown."""
     try:
         return read_fits(fits)
     except np.linalg.LinAlgError:
@@ -176,7 +176,7 @@ def _write(path: Path, examined: Examined) -> None:
 
 @cache
 def _forget(folder: Path) -> None:
-    """Remove readings that no command used for a month; do so once per process."""
+    """Remove stored results that no command used for a month; do so once per process."""
     oldest = time.time() - KEPT_DAYS * 86400
     for path in folder.iterdir():
         with suppress(OSError):  # another process may have removed it

@@ -30,7 +30,7 @@ refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
 
 
 def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
-    """Merge faults of `count` records: doubts that differ only in their numbers become one fault.
+    """Merge faults of `count` records: warnings that differ only in their numbers become one fault.
 
     A merged fault says how many records it concerns and the range of its numbers.
     """
@@ -43,14 +43,14 @@ def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Faul
 
 
 def _of_one_record(fault: Fault) -> bool:
-    """Return whether a fault is remedied record by record, not by one key of the whole test."""
+    """Return whether a fault needs a separate remedy in each record, not one key for the test."""
     of_test = "Put under [[test]]" in fault.remedy or LEAVES_OUT.search(fault.remedy)
     return fault.severity == "error" and not of_test
 
 
 @contextmanager
 def told_together(test: str, count: int) -> Iterator[None]:
-    """Combine repeated warnings from a test's records into one warning each."""
+    """Merge warnings that are raised for several records of a test into one warning each."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
@@ -79,7 +79,7 @@ def _numbers(text: str) -> list[float]:
 
 
 def _reach(numbers: Sequence[str]) -> str:
-    """Return the range of the numbers as text, in the notation in which they were given."""
+    """Return the range of numbers as text, such as `2 to 5`, in their original notation."""
     least, most = min(numbers, key=float), max(numbers, key=float)
     return least if float(least) == float(most) else f"{least} to {most}"
 

@@ -1,4 +1,4 @@
-r"""A force after a charge amplifier's high-pass, which takes away $\frac1T\int F\,\mathrm{d}t$."""
+r"""A force after a charge amplifier's high-pass, which subtracts $\frac1T\int F\,\mathrm{d}t$."""
 
 from collections.abc import Iterator
 
@@ -15,7 +15,7 @@ class HighPass(Hypothesis):
     name = "high-pass of the force"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield a force behind a high-pass filter."""
+        """Yield a high-pass filter of the force as a possible cause of a loop fit's residual."""
         force, fs = residual.loop.force, residual.loop.fs
         integral = np.append(0.0, np.cumsum(0.5 * (force[1:] + force[:-1]) / fs))
         found = residual.fit(-integral)

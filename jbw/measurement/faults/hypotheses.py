@@ -40,7 +40,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 
 
 def explained(fits: Fits, facts: Facts) -> Iterator[Fault]:
-    """Yield the faults that a fitted mode shows, and the one cause that explains its residual."""
+    """Yield the faults that a fitted mode shows, and the one fault that explains its residual."""
     yield from (seen := [fault for one in HYPOTHESES for fault in one.seen(fits, facts)])
     # Noise of the drive biases the damping and leaves no residual to explain.
     if isinstance(fits, SweepFits) and seen:

@@ -1,11 +1,11 @@
-r"""Faults as hypotheses against a reading, and the conditions under which one is named.
+r"""Faults as hypotheses that explain a fit's residual, and the conditions for reporting one.
 
 A mode is fitted first. Only if its residual exceeds noise and the law's own error are further
 causes tried, one at a time, *fitted together with the mode*. A cause is named if it meets four
 conditions, which are calibrated on sound records of every law (`benchmarks/outside`):
 
-1. something is left: a weighted rms above 1.2, or 6 % of the response; for a steady line alone a
-   line of 30 times its local median and 0.05 % of the largest response;
+1. the fit leaves a residual: a weighted rms above 1.2, or 6 % of the response; for a steady line
+   alone a line of 30 times its local median and 0.05 % of the largest response;
 2. the cause explains at least 40 % of the weighted squares;
 3. $2 \ln L_1/L_0 - k \ln n > 25$, with n the effective number of values of a coloured residual
    and k the number of the cause's parameters;
@@ -44,20 +44,20 @@ Fits = DecayFits | SweepFits
 
 
 class Hypothesis:
-    """A kind of fault; a member offers the tests that can show it, and inherits none for others."""
+    """A kind of fault, with tests for it; tests that a subclass does not define find nothing."""
 
     name: ClassVar[str]  # the name of the fault in a table
 
     def seen(self, fits: Fits, facts: "Facts") -> Iterator[Fault]:
-        """Yield the fault if the record of a fitted mode shows it without a joint fit."""
+        """Yield the fault if a fitted mode's record shows it without a fit of both together."""
         yield from ()
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield the cause with starting values for a joint fit with a mode, if it is applicable."""
+        """Yield the fault with starting values for a fit together with a mode, if applicable."""
         yield from ()
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a cause with these values is physical and large enough to matter."""
+        """Return whether the fault, with these values, is physical and large enough to matter."""
         raise NotImplementedError
 
     def fault(self, values: Reals, fits: Fits, facts: "Facts") -> FaultText:
@@ -65,15 +65,15 @@ class Hypothesis:
         raise NotImplementedError
 
     def spoils(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a cause with these values makes the record useless."""
+        """Return whether the fault, with these values, makes the record useless."""
         return False
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield what the fault leaves of the force of a loop, fitted together with sliders."""
+        """Yield the residual of a force loop that is fitted by sliders together with this fault."""
         yield from ()
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield what the fault would explain of the residual of an identification's fit."""
+        """Yield the columns by which this fault would change the data near a fit of the joint."""
         yield from ()
 
 
@@ -122,12 +122,12 @@ class LeftOver(NamedTuple):
 
 
 def best_of(fits: Fits) -> ModeFit:
-    """Return the fit of the amplitude basis with the smallest residual."""
+    """Return the fit with the smallest residual among fits with different powers of amplitude."""
     return min(fits.fits.values(), key=lambda fit: fit.squares)
 
 
 def remainder(fits: Fits) -> LeftOver:
-    """Return the residual of the best basis' fit to a record."""
+    """Return the residual of the best fit of a mode to a record."""
     best, signal = best_of(fits), fits.signal
     turned = best.residual
     if isinstance(fits, SweepFits):  # a steady line rotates relative to the frame of the drive
@@ -146,7 +146,7 @@ def remainder(fits: Fits) -> LeftOver:
 def named_cause(
     fits: Fits, hypotheses: Sequence[Hypothesis]
 ) -> tuple[Hypothesis, Reals, tuple[float, float]] | None:
-    """Return the hypothesis that explains the residual of a fitted mode; None if there is none.
+    """Return the fault that explains the residual of a fitted mode; None if no fault does.
 
     Its parameters follow, and frequency [Hz] and damping ratio of the linear mode that is fitted
     with it, as after a remedy.
@@ -194,7 +194,7 @@ def _mode(fits: Fits, linear: ModeFit) -> tuple[float, float]:
 
 
 def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, ModeFit]]:
-    """Yield joint fits of a hypothesis, with a linear mode and with a power law of amplitude.
+    """Yield fits of a mode together with a fault: a linear mode, then one with a power law.
 
     The fit with a power law also starts from the result of the fit with a linear mode.
     """
@@ -215,7 +215,7 @@ def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, Mod
 
 
 def joint_fit(fits: Fits, basis: str, cause: DecayCause | SweepCause) -> ModeFit | None:
-    """Return the joint fit of a mode and a cause; None if its numerics fail."""
+    """Fit a mode together with a fault; return None if the numerics fail."""
     fit: Any = fit_decay if isinstance(fits, DecayFits) else fit_sweep
     try:
         return fit(fits.signal, basis, fits.fits[basis].theta, fits.scale, fits.weight, cause)

@@ -40,16 +40,16 @@ ALIKE = 0.5  # relative difference between the delay of that part and of the rec
 
 
 class _Lag(Hypothesis):
-    """A lag that varies over the record by a given function."""
+    """The lag of a response behind its drive, as a given function of time."""
 
     starts: tuple[tuple[float, ...], ...]
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
-        """Return the lag at every time, in mean periods of the drive."""
+        """Return the lag of the response at every time, in mean periods of the drive."""
         raise NotImplementedError
 
     def causes(self, fits: Any, basis: str) -> Iterator[SweepCause]:
-        """Yield the lag with each of several starting values."""
+        """Yield the lag as a cause of a sweep's residual, once for each set of starting values."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
         period = fits.signal.mean_period_s
@@ -87,12 +87,12 @@ class Delay(_Lag):
         return bool(abs(own - values[0]) <= ALIKE * abs(values[0]))
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
-        """Return the fault: how much the response lags, against the stated delay."""
+        """Return the fault: by how much the response lags, compared with the stated delay."""
         seconds = facts.delay_s + float(values[0]) * fits.signal.mean_period_s
         return messages.another_delay(seconds, facts.delay_s)
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield a force that lags the displacement, by the lag that fits best."""
+        """Yield the best-fitting lag of the force, as a possible cause of a loop's residual."""
         loop, whole = residual.loop, residual.basis
         if not (cycles := cycles_of(loop)):
             return
@@ -111,7 +111,7 @@ class Delay(_Lag):
         yield LoopCause(share * found.fun, loop_messages.late(lag, residual.delay_s + lag))
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        r"""Yield the columns of a delay tau of all responses: $-j\omega X$."""
+        r"""Yield the columns by which a delay of all responses changes the data: $-j\omega X$."""
         spectra = misfit.spectra.items()
         columns = {n: as_columns(s.row(-1j * s.omega * s.predicted)) for n, s in spectra}
         yield Suspect(columns, lambda tau: messages.another_delay(tau[0]))
@@ -139,7 +139,7 @@ class ClocksApart(_Lag):
         return messages.another_clock(slope, abs(change))
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        r"""Yield the columns of a fast response clock: $-t\,\dot x$ per relative rate."""
+        r"""Yield the columns by which a fast response clock would change the data: $-t\,\dot x$."""
         courses = {n: s.stretched for n, s in misfit.spectra.items() if s.stretched is not None}
         if courses:
             columns = {name: as_columns(-course) for name, course in courses.items()}
@@ -152,7 +152,7 @@ class LostBlock(_Lag):
     name = "lost block"
 
     def causes(self, fits: Any, basis: str) -> Iterator[SweepCause]:
-        """Yield the best step, searched over several places and then between their neighbours."""
+        """Yield the best-fitting jump of the lag, searched first coarsely, then finely."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
         signal, count = fits.signal, len(fits.fits["linear"].theta)
@@ -160,7 +160,7 @@ class LostBlock(_Lag):
         times = np.interp(PLACES, share / share[-1], signal.time)
 
         def fitted(at: float, step: float) -> tuple[float, float, float]:
-            """Return squares, place and step of the best fit from a step at the given place."""
+            """Return squares, time and size of the best jump, searched from a given time on."""
             found = joint_fit(fits, "linear", SweepCause(np.array([step]), _stepped(float(at))))
             return (found.squares, at, float(found.theta[count])) if found else (np.inf, at, step)
 
@@ -194,7 +194,7 @@ class LostBlock(_Lag):
 
 
 def _stepped(at_s: float | None) -> Callable[[SweepSignal, Complexes, Reals], Complexes]:
-    """Return a function that applies a lag that jumps at a given time [s] or at a fitted one."""
+    """Return a function that applies a lag with a jump at a given time [s] or at a fitted one."""
 
     def stepped(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
         place = float(values[1]) * float(np.ptp(signal.time)) if at_s is None else at_s

@@ -84,7 +84,7 @@ def _away(
 
 
 def _constant_of_noise(record: Record) -> tuple[float, float] | None:
-    """Return lag and standard error [s] of a record of noise, from its FRF off the resonance."""
+    """Return lag and standard error [s] of a noise record, from its FRF off the resonance."""
     u, x = (record.channels[role] for role in (record.source, record.response))
     short = 2 * len(u) // (PARTS * (AVERAGES + 1))
     freq, power, response, cross = averaged(
@@ -127,14 +127,14 @@ def _squares(design: Float[np.ndarray, "value unknown"], target: Reals) -> _Fit:
 
 
 def _better(simple: _Fit, extended: _Fit, count: int, unknowns: int) -> bool:
-    """Return whether an additional unknown reduces the squares by more than noise would."""
+    """Return whether one more unknown reduces the sum of squares by more than noise would."""
     degrees = (count - unknowns) / 2  # neighbouring values overlap by half
     ratio = (simple.squares - extended.squares) / max(extended.squares, 1e-300) * degrees
     return bool(fdtrc(1, degrees, ratio) < ODDS)
 
 
 def _lags_of_noise(u: Reals, x: Reals, fs: float) -> tuple[Reals, Reals, float] | None:
-    """Return the times of parts of a record, their lags to the first [s], and a frequency [Hz]."""
+    """Return for each part of a noise record its time and lag [s], and the mean frequency [Hz]."""
     size = len(u) // PARTS
     short = 2 * size // (AVERAGES + 1)
     if short < 64:
@@ -163,7 +163,7 @@ def _lags_of_noise(u: Reals, x: Reals, fs: float) -> tuple[Reals, Reals, float] 
 
 
 def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
-    """Return the cross spectrum and the coherence of one part of a record."""
+    """Return the cross spectrum and the coherence of drive and response in one part of a record."""
     window = np.hanning(short)
     starts = range(0, len(u) - short + 1, short // 2)
     spectra = np.array(
@@ -176,7 +176,7 @@ def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
 
 
 def _course(time: Reals, lags: Reals) -> tuple[float, tuple[float, float, float] | None]:
-    """Return what describes the lags of noise over time best: a slope [s/s], a step, or neither.
+    """Return the best model of lags over time: a slope [s/s], a step, or neither.
 
     A step has the times [s] between which the lag jumps, and its size [s].
     """

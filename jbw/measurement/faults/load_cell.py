@@ -20,7 +20,7 @@ class ZeroOfLoadCell(Hypothesis):
     name = "zero of load cell"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield the unstated parts of the zero, fitted with the loop's law."""
+        """Yield a wrong zero of the load cell as a possible cause of a loop fit's residual."""
         if not residual.zero.shape[1]:
             return
         found, half_range = residual.fit(*residual.zero.T), 0.5 * np.ptp(residual.loop.force)
@@ -37,6 +37,6 @@ def at_rest(loop: ForcedLoop) -> Reals:
 
 
 def loaded(rest: Reals, force: Reals) -> Iterator[LoopCause]:
-    """Yield the cause of a zero offset, from the force before the motion."""
+    """Yield a zero offset of the load cell as a cause, from the force before the motion."""
     text = messages.off_centre(float(np.mean(rest) / (0.5 * np.ptp(force))), 0.0)
     yield LoopCause(len(rest) * float(np.var(rest)), text)

@@ -1,4 +1,4 @@
-"""The faults of a force loop that explain the residual of a fit by sliders and springs.
+"""The faults of a force loop that explain the residual of a fit by friction sliders and springs.
 
 A cause is named if sliders leave more than 1 % of the rms of the force beyond noise, and the cause
 explains 85 % of the squares of that residual. Effects that a campaign states, a drifting zero or a
@@ -30,7 +30,7 @@ WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the 
 def loop_causes(
     record: Record, delay: float, load_cell: str = "exact", laws: Sequence[str] = ()
 ) -> Iterator[Fault]:
-    """Yield a fault of the load cell's zero, and the one cause of the remaining residual of a loop.
+    """Yield a wrong zero of the load cell, and the one cause of a loop's remaining residual.
 
     Args:
         record: A record of kind `loop`.
@@ -60,7 +60,7 @@ def loop_causes(
 def _named(
     force: Reals, part: Reals, square: float, tried: Iterable[LoopCause], least: float = LEFT
 ) -> Iterator[Fault]:
-    """Yield the best of the tried causes of a residual, if it explains enough of it."""
+    """Yield the fault that explains most of a residual, if it explains enough of it."""
     noise = noise_of(force) ** 2 * len(part)
     if square - NOISE * noise < least**2 * len(part) * np.var(force) or len(part) < FEWEST:
         return
@@ -72,7 +72,7 @@ def _named(
 
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
-    """Return the columns of the stated effects, and of unstated parts of the load cell's zero."""
+    """Return the columns of the stated effects, and those of a zero of the load cell not stated."""
     y, basis = loop.displacement, basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
     if not begins_unmoved(y):

@@ -1,4 +1,4 @@
-"""The residual of a force loop that is fitted by sliders and springs, and what may explain it."""
+"""The residual of a force loop that is fitted by friction sliders and springs."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ from jbw.report.messages.message import FaultText
 
 
 class LoopResidual(NamedTuple):
-    """A force loop, the columns that describe a sound one, and its record.
+    """A force loop, the columns by which a loop without faults is fitted, and its record.
 
     Attributes:
         loop: Displacement and force, at every `every`-th sample of the record.
@@ -31,17 +31,17 @@ class LoopResidual(NamedTuple):
     every: int
 
     def with_zero(self) -> "LoopResidual":
-        """Return the residual with the load cell's zero among the columns of a sound loop."""
+        """Return the residual with the load cell's zero among the columns of a faultless loop."""
         basis = LoopBasis(self.basis.losses, np.column_stack([self.basis.springs, self.zero]))
         return self._replace(basis=basis, zero=self.zero[:, :0])
 
     def fit(self, *columns: Reals) -> LoopFit:
-        """Return the fit of the force, together with further columns."""
+        """Fit the force by sliders, springs and the given additional columns."""
         return fit_loop(self.basis, self.loop.force, columns)
 
 
 class LoopCause(NamedTuple):
-    """The sum of squares of a force that a cause leaves, and its text about a channel."""
+    """The residual sum of squares of a loop's force with a fault, with the fault's text."""
 
     square: float
     text: FaultText
@@ -49,6 +49,6 @@ class LoopCause(NamedTuple):
 
 
 def path_of(loop: ForcedLoop) -> Columns:
-    """Return the relative path of the motion and its square, one row each."""
+    """Return the travelled path over its total length, and its square, one row each."""
     path = np.append(0.0, np.cumsum(np.abs(np.diff(loop.displacement))))
     return np.stack([path / path[-1], (path / path[-1]) ** 2])

@@ -29,7 +29,7 @@ BETTER = 0.4  # largest residual sum of squares with a gap, over that of a smoot
 
 
 def one_sided(loop: ForcedLoop) -> Iterator[Fault]:
-    """Yield a warning if a joint is stronger to one side than to the other."""
+    """Yield a warning if a joint's peak force is clearly larger in one direction."""
     side = lopsided(loop)
     if abs(side) > LOPSIDED:
         ratio = (1 + abs(side)) / (1 - abs(side))

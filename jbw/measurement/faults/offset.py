@@ -21,7 +21,7 @@ class Offset(Hypothesis):
     name = "offset of the response"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield a constant of every group that is compared sample by sample."""
+        """Yield the columns of a constant offset in each group compared sample by sample."""
         groups = in_time(misfit.spectra)
         units = zip(groups.items(), np.eye(len(groups)), strict=True)
         columns = {n: np.tile(unit, (len(s.values), 1)) for (n, s), unit in units}

@@ -15,7 +15,7 @@ class OutsideModes(Hypothesis):
     name = "modes outside the band"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the columns of compliance and mass."""
+        """Yield the columns of a compliance and a mass that represent modes outside the band."""
         columns = {}
         for label, spectrum in misfit.spectra.items():
             stiff, squares = spectrum.factor * spectrum.source, spectrum.omega**2

@@ -12,12 +12,12 @@ from jbw.report.messages.message import FaultText
 
 
 class OwnFrequencies(Hypothesis):
-    """The natural frequency and the damping of each test, by the derivatives of the fit."""
+    """A separate natural frequency and damping ratio of each test, from derivatives at the fit."""
 
     name = "natural frequency of tests"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the columns of natural frequency and damping of each of several tests."""
+        """Yield the columns of each test's separate natural frequency and damping."""
         slopes, count = misfit.slopes, len(misfit.slopes)
         if len(misfit.spectra) < 2 or not slopes:
             return

@@ -97,7 +97,7 @@ def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes)
 def _missized(
     role: str, freq: Reals, h: Complexes, in_band: bool, per_unit: float | None
 ) -> Iterator[Fault]:
-    """Compare force per modal mass, g = 2 / pi int Re[j omega H] d omega, with the given one."""
+    """Yield a warning if force per modal mass, 2/pi int Re[j omega H] d omega, is not as stated."""
     omega = 2 * np.pi * freq
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     ratio = 1.0 if per_unit is None else seen / per_unit

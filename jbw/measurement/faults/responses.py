@@ -47,7 +47,7 @@ DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 def unsteady(
     record: Record, tones_hz: Sequence[float], settle: float, dwell: float | None
 ) -> Iterator[Fault]:
-    """Report tones, or steps of `dwell` seconds, that did not settle or whose order 3 is noise."""
+    """Report tones, or steps of `dwell` seconds, not settled or with too small a third harmonic."""
     y, role, fs = record.channels[record.response], record.response, record.fs
     fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
@@ -83,7 +83,7 @@ def _named(fitted: Sequence[Harmonics]) -> str:
 
 
 def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
-    """Report doubtful signs and units: the work -pi F Im Y must be positive, the phase falling."""
+    """Report doubtful signs and units: the work -pi F Im Y must be positive, the phase fall."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
         yield refusal(role, *messages.few_lines(len(curve.freq_hz), FEWEST_LINES))
@@ -190,7 +190,7 @@ def bandless(record: Record, settle: float) -> Iterator[Fault]:
 
 
 def several_resonances(record: Record) -> Iterator[Fault]:
-    """Yield a warning if a driven record without a band contains several modes.
+    """Yield a warning if a driven record, without a stated band, contains several modes.
 
     The criterion is the power away from the strongest line, less the power that one oscillator has
     there under the same source.
@@ -259,7 +259,7 @@ def about_peak(
 
 
 def height_within(record: Record, band: tuple[float, float]) -> float:
-    """Return the height of the largest prominent line in a band over that of all lines."""
+    """Return the highest prominent spectral peak in a band, relative to the highest of all."""
     freq, size, lowest = _lines(record, 0.0)
     standing = size[lowest:, 1]
     inside = lines_within(freq[lowest:], band)
@@ -268,7 +268,7 @@ def height_within(record: Record, band: tuple[float, float]) -> float:
 
 
 def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
-    """Return frequencies [Hz], displacement lines (all, prominent) and the first reliable index.
+    """Return frequencies [Hz], lines of displacement (all, prominent) and the first reliable index.
 
     The first reliable line is above the lines of a drifting mean. A record of a few points, as read
     off a chart, may contain only two or three periods; a straight line is then subtracted instead,
@@ -290,7 +290,7 @@ def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
 
 
 def _around(freq: Reals, size: Reals) -> Reals:
-    """Return the median of the lines around each frequency, in bands of a frequency ratio 1.5."""
+    """Return the median of the spectral lines around each frequency, in bands of ratio 1.5."""
     edges = np.geomspace(freq[0], freq[-1], 2 + int(np.log(freq[-1] / freq[0]) / np.log(1.5)))
     parts = np.searchsorted(edges, freq, side="right")
     masks = [parts == part for part in np.unique(parts)]

@@ -1,4 +1,4 @@
-"""A decay that continues from another point of its course: hit again, or samples are missing."""
+"""A decay that jumps to another state: hit by a second blow, or with missing samples."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -22,12 +22,12 @@ ENDS = 0.02  # share of the record at either end where a jump cannot be seen
 
 
 class SecondBlow(Hypothesis):
-    """A jump along the same decay: its time, and the jumps of ln a and of the phase."""
+    """A jump of a decay to another of its states: its time, and the jumps of ln a and phase."""
 
     name = "second blow"
 
     def causes(self, fits: Any, basis: str) -> Iterator[DecayCause]:
-        """Yield jumps at the two places where the logarithm of the envelope steps most."""
+        """Yield jumps at the two places where the logarithm of the envelope changes most."""
         if isinstance(fits, DecayFits):
             yield from map(DecayCause, _places(fits))
 
@@ -48,7 +48,7 @@ class SecondBlow(Hypothesis):
 
 
 def _places(fits: DecayFits) -> list[Reals]:
-    """Return starting values of jumps, where a step best explains ln z about a cubic in time."""
+    """Return starting values for jumps, at the places where a step best explains ln z."""
     signal, linear = fits.signal, fits.fits["linear"].theta
     size, count = signal.size, len(signal.z)
     loud = np.flatnonzero(size > LOUD * max(signal.tail, 1e-4 * size.max()))

@@ -38,12 +38,12 @@ APART = 0.05  # relative distance in frequency from which a mode is not the join
 
 
 class SecondMode(Hypothesis):
-    """A second mode: amplitude, phase, distance and damping, the last two in damping rates."""
+    """A second mode: amplitude, phase, distance and damping; the last two over the first's rate."""
 
     name = "second mode"
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield modes on both sides of the first, and at the strongest line of the residual."""
+        """Yield a second mode on each side of the first, or at the residual's strongest line."""
         if isinstance(fits, DecayFits):
             yield from _in_decay(fits, basis)
             return
@@ -81,7 +81,7 @@ class SecondMode(Hypothesis):
         return messages.second_mode(first, second, narrower, driven=driven)
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield modes at all driven frequencies away from the joint's mode."""
+        """Yield a second mode at each of many driven frequencies away from the joint's mode."""
         driven = _driven(misfit)
         if len(driven):
             places = np.geomspace(driven.min(), driven.max(), NUM_PLACES)
@@ -90,7 +90,7 @@ class SecondMode(Hypothesis):
 
 
 def modes_at(misfit: Misfit, places: Iterable[float]) -> Iterator[Suspect]:
-    """Yield suspected further modes at given frequencies [rad/s], each with usual dampings."""
+    """Yield possible additional modes at given frequencies [rad/s], each with typical dampings."""
     first, driven = misfit.theta["omega_n"] / (2 * np.pi), _driven(misfit) / (2 * np.pi)
     for omega in map(float, places):
         second = omega / (2 * np.pi)
@@ -100,13 +100,13 @@ def modes_at(misfit: Misfit, places: Iterable[float]) -> Iterator[Suspect]:
 
 
 def _driven(misfit: Misfit) -> Reals:
-    """Return the driven frequencies [rad/s] of all groups."""
+    """Return the driven frequencies [rad/s] of all data groups."""
     lines = [s.omega[driven_lines(s)] for s in misfit.spectra.values()]
     return np.concatenate([line[line > 0] for line in lines])
 
 
 def _near_fit(misfit: Misfit, omega: float, zeta: float, text: FaultText) -> Suspect:
-    r"""Return a suspected mode: $X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
+    r"""Return a mode's columns: $X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
     columns = {}
     for label, spectrum in misfit.spectra.items():
         below = stiffness({"omega_n": omega, "zeta": zeta}, spectrum.omega)
@@ -122,7 +122,7 @@ def _beside(first: float, second: float, band: tuple[float, float]) -> tuple[flo
 
 
 def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
-    """Return whether a decay that is read in a band has the mode of the fit with both modes."""
+    """Return whether a decay, filtered to a band, has the first mode of the fit with two modes."""
     fits = decay_fits(facts.record, band_hz, facts.settle_s)
     if fits is None:
         return False
@@ -133,7 +133,7 @@ def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
 
 
 def _rate(fits: Fits) -> float:
-    """Return the damping rate of the linear mode [1/s]."""
+    """Return the damping rate of the fitted linear mode [1/s]."""
     at = 2 if isinstance(fits, DecayFits) else 0
     return abs(float(fits.fits["linear"].theta[at])) * fits.scale
 

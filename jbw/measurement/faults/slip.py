@@ -20,7 +20,7 @@ class Slip(Hypothesis):
     name = "slip of the gauge"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield slips at the steps of the motion that differ most from their neighbours."""
+        """Yield slips of the gauge where a step of the motion differs most from its neighbours."""
         loop, record, every = residual.loop, residual.record, residual.every
         steps = np.diff(loop.displacement)
         around = np.lib.stride_tricks.sliding_window_view(steps, 2 * NEIGHBOURS + 1)

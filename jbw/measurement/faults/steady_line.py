@@ -28,7 +28,7 @@ class UndecayingLine(Hypothesis):
     name = "steady line"
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield a line at the strongest frequency of the residual of the fit with this basis."""
+        """Yield an undecaying line at the strongest frequency of the residual of the given fit."""
         residual = fits.fits[basis].residual
         yield (
             _in_decay(fits, residual) if isinstance(fits, DecayFits) else _in_sweep(fits, residual)
@@ -58,7 +58,7 @@ class UndecayingLine(Hypothesis):
         return isinstance(fits, DecayFits) and self.share(values, fits) > SPOILS
 
     def share(self, values: Reals, fits: DecayFits) -> float:
-        """Return the line's amplitude before the filter over the decay's amplitude at its start."""
+        """Return the line's amplitude before filtering, over the decay's amplitude at its start."""
         mode = float(fits.fits["linear"].theta[3]) * fits.scale
         passed = fits.signal.passed(mode) / fits.signal.passed(self.turn(values, fits))
         return float(np.hypot(values[0], values[1])) * passed
@@ -71,7 +71,7 @@ class UndecayingLine(Hypothesis):
 
 
 def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
-    """Return a steady line as a cause in a decay, with starting values from the residual."""
+    """Return a steady line as a possible cause of a decay's residual, with starting values."""
     signal = fits.signal
     turn, size = strongest_line(residual * fits.weight**2, signal.step_s)
     level = size / np.sum(fits.weight**2) / signal.a0
@@ -85,7 +85,7 @@ def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
 
 
 def _in_sweep(fits: SweepFits, residual: Complexes) -> SweepCause:
-    """Return a steady line as a cause in a sweep, with its starting frequency from the residual."""
+    """Return a steady line as a possible cause of a sweep's residual, with a starting frequency."""
     signal = fits.signal
     frame = signal.phase - 2 * np.pi * signal.centre_hz * signal.time
     turn, _ = strongest_line(residual * np.exp(1j * frame), signal.step_s)

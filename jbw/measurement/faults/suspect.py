@@ -39,13 +39,13 @@ class Misfit(NamedTuple):
     slopes: Mapping[str, Mapping[str, Row]] = {}
 
     def error(self, label: str) -> float:
-        """Return the residual of a group over its values."""
+        """Return the residual of a data group relative to its values."""
         spectrum = self.spectra[label]
         return float(np.linalg.norm(spectrum.residual) / np.linalg.norm(spectrum.values))
 
 
 class Suspect(NamedTuple):
-    """A possible cause of misfit, by its columns near the fit.
+    """A possible cause of misfit, given by the columns by which it changes the data near the fit.
 
     Attributes:
         columns: Derivatives of the data with respect to the error's sizes, by label of the group.
@@ -82,7 +82,7 @@ def as_columns(*rows: Row) -> Columns:
 
 
 def in_time(spectra: Mapping[str, Spectrum]) -> dict[str, Spectrum]:
-    """Return the groups that are compared sample by sample."""
+    """Return the data groups that are compared sample by sample, not line by line."""
     return {label: s for label, s in spectra.items() if not np.iscomplexobj(s.values)}
 
 

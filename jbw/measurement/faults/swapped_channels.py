@@ -22,7 +22,7 @@ class SwappedChannels(Hypothesis):
     name = "swapped channels"
 
     def suspects(self, misfit: Misfit) -> Iterator[Cause]:
-        """Yield what the mode leaves of each test's input if it is the response."""
+        """Yield, by test, how well the mode predicts the input if it is really the response."""
         for label in misfit.missed:
             spectrum, norm = misfit.spectra[label], np.linalg.norm
             modelled = spectrum.factor * spectrum.measured / stiffness(misfit.theta, spectrum.omega)

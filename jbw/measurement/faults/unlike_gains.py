@@ -1,4 +1,4 @@
-"""Repeats and tests whose response over drive differs in sign or size, or from a modal mass."""
+"""Tests and repeats whose ratio of response to drive differs from the others in sign or size."""
 
 from collections.abc import Iterator, Sequence
 
@@ -36,12 +36,12 @@ FAR_OFF = 3.0  # ratio of gains from which a unit or sign is wrong; softening do
 
 
 class UnlikeGain(Hypothesis):
-    """The gain of one test, over that of the others: a wrong sign, unit or factor."""
+    """The gain of one test relative to that of the others: a wrong sign, unit or factor."""
 
     name = "sign or gain"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield a test whose separate gain is unlike the others', or a factor of every test.
+        """Yield the test whose separately fitted gain is unlike the others', or a factor for each.
 
         A step from a fit that is far from all tests is unreliable.
         """
@@ -56,7 +56,7 @@ def _factor(label: str, spectrum: Spectrum) -> Suspect:
 
 
 def unlike(factor: float, source: str, test: str = "") -> FaultText:
-    """Return the text on a test, or a repeat, whose gain is `factor` times that of the others."""
+    """Return the text on a test or repeat whose gain is `factor` times that of the other ones."""
     if abs(factor + 1) < TURNED:
         return messages.other_sign(source, test)
     unit = next((name for f, name in UNITS.items() if abs(abs(factor) / f - 1) < CLOSE), "")
@@ -64,7 +64,7 @@ def unlike(factor: float, source: str, test: str = "") -> FaultText:
 
 
 def _apart(misfit: Misfit) -> Iterator[Cause]:
-    """Yield the cause that one group's separate gain differs in sign or size from the others'."""
+    """Yield the data group whose separately fitted gain is unlike the others' in sign or size."""
     fits = {n: pair for n, s in misfit.spectra.items() if (pair := _alone(s)) is not None}
     missed = [label for label in misfit.missed if label in fits]
     if len(fits) < 2 or not missed:
@@ -85,7 +85,7 @@ def _apart(misfit: Misfit) -> Iterator[Cause]:
 
 
 def _alone(spectrum: Spectrum) -> tuple[float, float] | None:
-    """Fit a linear oscillator to one group; return its gain and the relative residual."""
+    """Fit a linear oscillator to one data group; return its gain and the relative residual."""
     factor, measured = spectrum.factor, spectrum.measured
     x = np.divide(measured, factor, out=np.zeros_like(factor), where=factor != 0)
     driven = driven_lines(spectrum)
@@ -100,7 +100,7 @@ def _alone(spectrum: Spectrum) -> tuple[float, float] | None:
 def unlike_gains(
     gains: Sequence[tuple[str, float]], role: str, source: str
 ) -> Iterator[tuple[str, Fault]]:
-    """Yield repeats by name, each with a warning that a channel there has another sign or unit.
+    """Yield repeats by name, each with a warning that one of its channels has a wrong sign or unit.
 
     A force that is measured at the mode's own point drives it with a positive gain, one over a
     modal mass.
@@ -128,6 +128,6 @@ def unlike_gains(
 
 
 def turned_over(role: str, gain: float) -> Fault:
-    """Return a warning that the response moves against its drive, from its gain [1/kg]."""
+    """Return a warning that the response moves against its drive, because its gain is negative."""
     is_base = role == "acceleration" and abs(gain + 1) < BASE
     return doubt(role, *(messages.base_motion(gain) if is_base else messages.negative_gain(role)))

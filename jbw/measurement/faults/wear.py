@@ -12,12 +12,12 @@ from jbw.report.messages import loop_faults as messages
 
 
 class Wear(Hypothesis):
-    """The change of the force along the path and its square, from cycles of one amplitude."""
+    """The change of a joint's force by wear, with the travelled path and its square."""
 
     name = "wear of the joint"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield a force that changes along its path, if some cycles have one amplitude."""
+        """Yield wear along the path as a possible cause of a loop fit's residual."""
         loop = residual.loop
         if not (groups := of_one_amplitude(cycles_of(loop))):
             return

@@ -20,7 +20,7 @@ from jbw.measurement.readings.decay import DecayFits
 from jbw.report.messages import decay_faults as messages
 
 SURE = 8.0  # standard errors by which the fall must differ from zero
-# Smallest number of frames in time and of lines in frequency for the course of noise.
+# Smallest number of frames in time and of lines in frequency for the noise power against time.
 FRAMES, LINES_OF_NOISE = 10, 10
 APART = 3  # distance of lines that are independent under a Blackman-Harris window
 # Groups of frequencies, in which windowed noise falls equally; smallest number of lines in each.
@@ -39,7 +39,7 @@ class Window(Hypothesis):
     name = "exponential window"
 
     def seen(self, fits: Fits, facts: Facts) -> Iterator[Fault]:
-        """Yield a warning if the noise of a decay falls too."""
+        """Yield a warning if the noise in a record of a decay decays too."""
         if not isinstance(fits, DecayFits):
             return
         (low, high), record, signal = facts.band_hz, facts.record, fits.signal

@@ -63,7 +63,7 @@ class _Channels(NamedTuple):
 
 
 class _Clock(NamedTuple):
-    """The rate at which a file is read [Hz], the samples to read, and whether to resample them."""
+    """The rate at which samples of a file are taken [Hz], which ones, and whether to resample."""
 
     fs: float
     part: slice
@@ -152,7 +152,7 @@ def _channel(
     request: Wanted,
     clock: _Clock,
 ) -> tuple[_Channels, str]:
-    """Return one role's repeats in SI, and the source per unit of which the response is given."""
+    """Return one role's repeats in SI, and the source by which a response is divided, if any."""
     items, is_curve, done = sources[role], _is_curve(role, sources), {}
     unit, against = _unit(role, items[0].unit, request)
     reference, unit = decibels(unit) or (0.0, unit)
@@ -186,7 +186,7 @@ def _channel(
 
 
 def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels) -> _Channels:
-    """Return the constant source of amplitude 1 of a response per unit of excitation."""
+    """Return the constant source of amplitude 1 for a response that is given per unit of it."""
     if any(role in sources for role in INPUTS):
         raise DataError(
             f"the response is per unit of excitation, but `{source}` is given too.",
@@ -198,7 +198,7 @@ def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels
 
 
 def _parted(role: str, sources: Mapping[str, list[Leaf]], rows: Repeats) -> _Channels:
-    """Return complex repeats as magnitude and phase."""
+    """Split complex repeats into magnitude and phase."""
     if "phase" in sources:
         raise DataError(
             f"role `{role}` is complex, but `phase` is given too.",
@@ -211,7 +211,7 @@ def _parted(role: str, sources: Mapping[str, list[Leaf]], rows: Repeats) -> _Cha
 def _cleared(
     rows: Repeats, role: str, fs: float, first: int, request: Wanted
 ) -> tuple[Repeats, dict[str, str]]:
-    """Remove means, window and steady lines from rows as requested; return a description too.
+    """Remove means, window and steady lines from rows as requested; return also a description.
 
     The rows begin with sample `first` of their record.
     """

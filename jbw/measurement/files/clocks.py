@@ -38,7 +38,7 @@ MOST = 0.5  # share of a record above which a part between gaps is kept rather t
 
 
 def stated_rate(fs: float) -> float:
-    """Return the round rate whose interval prints with the same digits; else the rate itself.
+    """Return the round rate whose interval prints with the same digits; else the given rate.
 
     A file that states 0.000976562 s means 1024 Hz, and 1e-5 s is 100 kHz apart from round-off. An
     interval of fewer than six digits is exact: 0.0004096 s is 2441.40625 Hz.
@@ -146,7 +146,7 @@ def _is_exact(seconds: Reals) -> bool:
 
 
 def on_clock(item: Leaf, time: NDArray[np.number], unit: str) -> Leaf:
-    """Return a channel with rate and start from its own times, if these are even and have a unit.
+    """Return a channel with rate and start from its own time column, if its times are even.
 
     Uneven times, an unknown unit, and whole numbers without a unit leave the channel unchanged.
     """
@@ -191,7 +191,7 @@ def _round_rates(fs: float) -> tuple[float, ...]:
 
 
 def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOPES) -> float | None:
-    """Return the interval of a line within the given distances of all times; None if none is found.
+    """Return the step of an even grid within the given distances of all times; None if none is.
 
     The excess over the distances is convex in the interval, so that Newton's steps towards its zero
     never pass beyond it.
@@ -211,7 +211,7 @@ def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOP
 
 
 def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
-    """Return the quantum of every time in its own unit, for fixed decimals and for fixed digits.
+    """Return the quantum (last printed digit) of every time, for fixed decimals and fixed digits.
 
     `%.6f` writes the same number of decimals everywhere; `%.7g` writes 9.876953 and 10.00195, so
     that later times are rounded more. Times of a binary file have the resolution of their type.

@@ -84,7 +84,7 @@ class Dialect:
         return len(fields) if is_row else 0
 
     def digits(self, line: str) -> tuple[int, int, int]:
-        """Return a line's length without signs, and its last number's fraction, exponent digits."""
+        """Return a line's length without signs, its last number's fraction and exponent digits."""
         last = (self.fields(line) or [""])[-1].lower()
         mantissa, _, exponent = last.partition("e")
         fraction = mantissa.partition(self.decimal)[2]
@@ -230,7 +230,7 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
 
 
 def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
-    """Return the number of final lines of one width that read as numbers, and their dialect."""
+    """Return how many of the last lines are numbers in columns of one width, and their dialect."""
     if marks.delimiter and not any(marks.delimiter in line for line in lines):
         return 0, marks
     widths = [marks.width(line) for line in lines]
@@ -251,7 +251,7 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
 
 
 def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
-    """Return the number of final lines that are a single decimal number, and their dialect."""
+    """Return how many of the last lines are a single decimal number, and their dialect."""
     marks = Dialect(None, ".")
     widths = [0 if re.search("[,;\t]", line) else marks.width(line) for line in lines]
     while widths and widths[-1] < 0:
@@ -263,13 +263,13 @@ def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
 
 
 def _is_label(line: str) -> bool:
-    """Return whether a line begins with a word, such as a statistic below a table."""
+    """Return whether a line begins with a word and so is no row of numbers."""
     first = line.strip().strip('"#*%')
     return bool(re.match(r"\s*[^\W\d_]{2,}", first)) and not is_lost(first.split(";")[0])
 
 
 def _is_remark(line: str) -> bool:
-    """Return whether a line is a comment or begins with a word, such as a statistic."""
+    """Return whether a line is a comment or begins with a word and so is no row of numbers."""
     return bool(COMMENT.match(line)) or _is_label(line)
 
 
@@ -295,7 +295,7 @@ def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
 
 
 def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
-    """Raise a DataError if measured values are above the table, which a broken line then split."""
+    """Raise a DataError if a broken line has split the table, with measured values above it."""
     rows = [dialect.fields(line) for line in header]
     wide = [i for i, row in enumerate(rows) if len(row) == dialect.columns]
     # The first line of the table's width may name the columns, even by numbers. A recorder may also
@@ -346,7 +346,7 @@ def _is_cut(body: Sequence[str], dialect: Dialect, path: Path) -> bool:
 
 
 def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
-    """Return names and units of the columns from the last lines above the table of equal width."""
+    """Return the columns' names and units, from the last lines of equal width above the table."""
     lines = [line for line in header if line.strip()][-HEADED:]
     rows = [_row(line, dialect) for line in lines]
     rows = [row for row in rows if len(row) == dialect.columns]
@@ -524,7 +524,7 @@ def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
 def _on_own_clocks(
     columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str], clocks: Sequence[int]
 ) -> list[Leaf]:
-    """Return column leaves; with several time columns each gets the rate of the one before it.
+    """Return columns as leaves; each gets its rate from the time column before it, if several.
 
     Empty cells below the end of a shorter column, and those between the samples of a slower one,
     are no lost samples.
@@ -558,7 +558,7 @@ def _filled(column: Reals) -> int:
 
 
 def _of_slower(full_rate: Leaf, columns: Sequence[Reals], clocks: Sequence[int]) -> Leaf:
-    """Return a channel that fills every k-th row at its slower rate, from the table's times."""
+    """Return a channel that fills only every k-th row, at its own slower rate."""
     values = np.asarray(full_rate.array)
     is_filled = np.isfinite(values)
     step = _stride(is_filled)

@@ -137,7 +137,7 @@ def text_of(attributes: Mapping[str, Any], name: str) -> str:
 
 
 def _node(group: h5py.Group, name: str) -> Node:
-    """Return the node of the given name; follow only links inside the file."""
+    """Return the node with the given name; follow only links that stay inside the file."""
     link = group.get(name, getlink=True)
     if isinstance(link, h5py.ExternalLink):
         raise _outside(f"{group.name}/{name}")
@@ -189,7 +189,7 @@ def facts_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _behind(group: h5py.Group, name: str, target: str) -> Node:
-    """Return the target of a soft link if every step of its path stays in the file."""
+    """Return the target of a soft link, if every step of its path stays in the file."""
     here: Any = group.file if target.startswith("/") else group
     steps = [part for part in target.split("/") if part not in ("", ".")]
     for step in steps:
@@ -214,7 +214,7 @@ def _outside(name: str) -> DataError:
 
 
 def require_sound_heaps(path: Path) -> None:
-    """Raise a ValueError if a heap of texts in the file is corrupt."""
+    """Raise a ValueError if a global heap, in which HDF5 stores texts, is corrupt."""
     # One changed byte in a heap makes the library loop forever and ignore even Ctrl-C.
     # See HDF5 File Format Specification 3.0, section III.E.
     size = path.stat().st_size
@@ -228,7 +228,7 @@ def require_sound_heaps(path: Path) -> None:
 
 
 def _is_sound(data: mmap.mmap, start: int) -> bool:
-    """Return whether the objects of a heap fill it without a gap."""
+    """Return whether the objects of an HDF5 heap fill it without a gap."""
     head = data[start + len(HEAP) : start + HEAD]
     total = int.from_bytes(head, "little")
     if len(head) < HEAD - len(HEAP) or not LEAST_HEAP <= total <= len(data) - start:

@@ -107,12 +107,12 @@ class Elements:
         return head
 
     def integers(self, form: str) -> tuple[int, ...]:
-        """Return the next bytes of a MATLAB file as integers of the given struct format."""
+        """Return the next bytes of a MATLAB file as integers, in the given struct format."""
         form = self.order + form
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
     def element(self) -> tuple[int, memoryview]:
-        """Return data type and content of the next element; up to four bytes fit its tag."""
+        """Return type and content of the next element; up to four bytes are stored in its tag."""
         (code,) = self.integers("I")
         if size := code >> 16:
             if size > 4:
@@ -137,13 +137,13 @@ class Elements:
         return struct.unpack(f"{self.order}{len(content) // 4}i", content[: len(content) & ~3])
 
     def numbers(self, count: int | None) -> None:
-        """Skip an element of a MATLAB file that must contain `count` numbers."""
+        """Skip an element of a MATLAB file after checking that it contains `count` numbers."""
         code, content = self.element()
         if code not in NUMBERS or count not in (None, len(content) / NUMBERS[code]):
             raise ValueError(f"{count} numbers have the type {code} and {len(content)} bytes")
 
     def text(self, count: int) -> None:
-        """Skip a text, which may take more bytes than it has characters, or none if blank."""
+        """Skip a text of a MATLAB file, which may have more bytes than characters, or none."""
         code, content = self.element()
         if code not in WIDTHS or 0 < len(content) < count:
             raise ValueError(f"{count} characters have the type {code} and {len(content)} bytes")

@@ -124,7 +124,7 @@ def records(path: Path, request: Wanted, admit: Admit = admit_all) -> tuple[Reco
 
 
 def report(record: Record, findings: Sequence[Fault]) -> None:
-    """Raise the first error among the findings as a DataError; issue the others as warnings."""
+    """Raise the first error among faults as a DataError; issue the other faults as warnings."""
     for finding in findings:
         what = f"{record.name}, channel `{finding.channel}`: {finding.what}"
         if finding.severity == "error":

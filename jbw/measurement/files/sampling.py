@@ -1,4 +1,4 @@
-"""Sampling frequency of a file's channels from every statement of it, and the rows of a channel."""
+"""Sampling frequency of a file's channels, from every statement of it, and a channel's rows."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -164,7 +164,7 @@ def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> Data
 
 
 def _with_time(name: str, request: Wanted) -> str:
-    """Return a request's channels plus a column of times, formatted for a campaign file."""
+    """Return the requested channels with a column of times added, formatted for a campaign file."""
     return toml_table({"time": name, **(request.channels or {})})
 
 
@@ -217,7 +217,7 @@ def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
 
 
 def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice | None]:
-    """Return the sampling frequency of each time channel, and the samples to read if limited.
+    """Return the sampling frequency of each time channel, and the samples to read, if limited.
 
     A clock that is even only within the span determines the samples of the span as well.
     """

@@ -10,7 +10,7 @@ from jbw.measurement.files.tree import Contents, Leaf, Node, leaf, optional
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a file of traces, named by their identifiers; their counts have no unit.
+    """Open a file of traces, named by their identifiers; their values are counts without a unit.
 
     Raises:
         DataError: A trace has gaps, which the format stores as separate pieces.

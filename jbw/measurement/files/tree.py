@@ -34,7 +34,7 @@ class Leaf:
     unit: str = ""  # unit that the file states for the array, if any
     start_s: float | None = None  # start of the array by the file, from an arbitrary instant [s]
     minus: "Leaf | None" = None  # leaf to subtract, if this is a difference of two channels
-    label: str = ""  # name of the array in the file, if its path does not tell
+    label: str = ""  # name of the array in the file, if its path does not contain it
     # All other attributes of the array in the file.
     attributes: Mapping[str, Any] = field(default_factory=dict)
 

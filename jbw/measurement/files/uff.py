@@ -1,4 +1,4 @@
-"""UFF 58 files, read and written with pyuff, an optional extra; the sets are counted."""
+"""UFF 58 files, read and written with pyuff, an optional extra; sets are numbered from zero."""
 
 import os
 import re
@@ -81,7 +81,7 @@ def names_of(node: Node, path: str) -> Iterator[tuple[str, Leaf]]:
 
 
 def _stated(dataset: Mapping[str, Any], key: str) -> str:
-    """Return a text field of a set; empty if it says NONE."""
+    """Return a text field of a data set; empty if it reads NONE."""
     # pyuff replaces bytes that are not UTF-8; after an `s` this was a Latin-1 superscript two.
     text = re.sub("(?<=s)\ufffd", "^2", str(dataset.get(key, "")).strip())
     return "" if text.upper() == "NONE" else text

@@ -1,1 +1,1 @@
-"""Readings of one mode from a record: frequency and damping against amplitude, with errors."""
+"""Frequency and damping of one mode against amplitude, read from a record, with errors."""

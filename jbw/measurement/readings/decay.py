@@ -52,7 +52,7 @@ SAFE = 1.15  # factor on a noise that is estimated from few lines
 
 
 class Jump(NamedTuple):
-    """A jump of a decay to another point of its flow: time [s], changes of ln a and of phase."""
+    """A jump of a decay to another of its states: time [s], changes of ln a and of phase."""
 
     time_s: float
     growth: float
@@ -130,7 +130,7 @@ class DecaySignal:
         return max(float(rate), 1e-3 / self.time[-1]), turn
 
     def passed(self, turn: float) -> float:
-        """Return the filter's gain for a steady line above the centre [rad/s]."""
+        """Return the filter's gain for a steady line at a frequency above the centre [rad/s]."""
         return float(np.abs(np.exp(_log_response(self, np.array([1j * turn]))[0]))[0])
 
     def until(self, count: int) -> "DecaySignal":
@@ -178,7 +178,7 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
 
 
 def _between_lines(z: Complexes, taps: Reals, step: int) -> float:
-    r"""Return the noise amplitude from the last third of an envelope, between its lines and modes.
+    r"""Return the noise amplitude in the last third of an envelope, excluding lines and modes.
 
     $$E|Z(f)|^2 = 4\sigma^2 |H(f)|^2 \sum w^2 / s, \qquad E|z|^2 = 4\sigma^2 \sum h^2$$
 
@@ -206,7 +206,7 @@ def _moments(taps: Reals, fs: float) -> Reals:
 
 
 def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Complexes]:
-    """Return the log of a filter's response to exp(s t), from even moments, and its slope in s."""
+    """Return the log of a filter's response to exp(s t), and its derivative with respect to s."""
     square = pole**2
     response, slope = np.full(len(pole), signal.moments[-1], complex), np.zeros(len(pole), complex)
     for moment in signal.moments[-2::-1]:
@@ -307,7 +307,7 @@ def _steepest(signal: DecaySignal) -> float:
 
 
 class _Flow(NamedTuple):
-    """A slow flow over ln a: rates, their derivatives with respect to all parameters, times [s]."""
+    """A slow flow over log amplitude: rates, their parameter derivatives, and times [s]."""
 
     signal: DecaySignal
     logs: Reals
@@ -337,7 +337,7 @@ class _Flow(NamedTuple):
 def _flow(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, above: float = 0.0
 ) -> _Flow | None:
-    """Return the flow of a basis from its start, raised by `above` in ln a; None if invalid."""
+    """Return the slow flow for given powers of amplitude from its start; None if invalid."""
     terms = basis.terms
     own, turned = slice(2, 2 + terms), slice(2 + terms, 2 + 2 * terms)
     low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
@@ -376,7 +376,7 @@ class _Course(NamedTuple):
         return _hermite(self.time, *both, np.minimum(since, self.time[-1])) + late * self.slope[-1]
 
     def bare(self, since: float) -> complex:
-        """Return log amplitude + j phase of a decay at one time, without the filter."""
+        """Return the log amplitude + j phase of a decay at one time, before filtering."""
         return complex(_hermite(self.time, self.log, self.slope, np.array([since]))[0])
 
     def time_of(self, log_size: float) -> float:
@@ -412,7 +412,7 @@ def fit_decay(
     weight: Reals,
     cause: DecayCause | None = None,
 ) -> ModeFit:
-    """Fit the slow flow of a basis to a decay, together with an additional cause if given.
+    """Fit a mode with given powers of amplitude to a decay, and an additional cause if given.
 
     Args:
         signal: Decay from `decay_signal`.
@@ -476,7 +476,7 @@ def fit_decay(
 
 
 class DecayFits(NamedTuple):
-    """A decay, cut where its noise begins, and the fits of all bases to it.
+    """A decay, cut where its noise begins, and its fits with each set of powers of amplitude.
 
     Attributes:
         signal: Values that were fitted.
@@ -505,7 +505,7 @@ class DecayFits(NamedTuple):
 
 
 def fit_bases(signal: DecaySignal) -> DecayFits:
-    """Fit all bases to a decay, with the noise estimated where the mode has decayed."""
+    """Fit a mode to a decay, with each set of powers of amplitude; estimate the noise first."""
     scale, turn = signal.first()
     noise = max(signal.tail, 1e-9 * signal.a0)
     half_step = 0.5 * signal.quantum
@@ -549,7 +549,7 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
 def _powers(
     signal: DecaySignal, linear: ModeFit, scale: float, weight: Reals
 ) -> dict[str, ModeFit]:
-    """Fit bases with powers of the amplitude, as long as each next basis has a smaller residual."""
+    """Fit bases with more and more powers of the amplitude while the residual decreases."""
     level, phase, sigma, turn = linear.theta
 
     def fitted(name: str, start: list[float]) -> ModeFit:

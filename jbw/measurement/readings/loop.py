@@ -38,7 +38,7 @@ class LoopBasis(NamedTuple):
 
 
 class LoopFit(NamedTuple):
-    """The residual of a fit of sliders and springs to a force, and extra columns' coefficients."""
+    """The residual of a force fitted by sliders, springs and extra columns, with coefficients."""
 
     residual: Reals
     beside: Reals

@@ -1,4 +1,4 @@
-"""Fits of one mode to records of decays and sweeps, and the choice of the band to read."""
+"""Fits of one mode to records of decays and sweeps, and the choice of the band."""
 
 from dataclasses import replace
 from typing import Any
@@ -40,7 +40,7 @@ def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) ->
 def swept_signal(
     record: Record, band_hz: tuple[float, float] | None, lag_s: float
 ) -> tuple[SweepSignal, tuple[float, float]] | None:
-    """Filter a record of a sweep; return it with the band that was read, or None without a band."""
+    """Filter a record of a sweep; return it and its band, or None if no band can be found."""
     u, y = (record.channels[role] for role in (record.source, record.response))
     u, y = u - np.mean(u), y - np.mean(y)
     band = swept_band(u, record.fs, band_hz)
@@ -58,7 +58,7 @@ def swept_signal(
 
 
 def sweep_fits(signal: SweepSignal) -> SweepFits | None:
-    """Fit one mode to a sweep; return None for too few or too many values, or a standstill."""
+    """Fit one mode to a sweep; return None if it has too few or many values, or stands still."""
     if not FEWEST < len(signal.time) < MOST_VALUES or np.any(signal.rate <= 0):
         return None
     return sweep.fit_bases(signal)
@@ -67,7 +67,7 @@ def sweep_fits(signal: SweepSignal) -> SweepFits | None:
 def swept_band(
     u: Reals, fs: float, band_hz: tuple[float, float] | None
 ) -> tuple[float, float] | None:
-    """Return the range of frequencies that a drive sweeps, within a given band [Hz], or None."""
+    """Return the range of frequencies that a drive sweeps, within a given band [Hz]; else None."""
     freq = np.fft.rfftfreq(len(u), 1 / fs)
     power = np.abs(np.fft.rfft(u)) ** 2
     if not power.sum() > 0 or len(freq) < 8:

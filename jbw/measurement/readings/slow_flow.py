@@ -1,4 +1,4 @@
-r"""Powers of amplitude for reading frequency and damping, and the errors of such readings.
+r"""Powers of amplitude on which frequency and damping may depend, and the errors of their fits.
 
 By first-order averaging (Krylov and Bogoliubov), one mode of amplitude a moves slowly as
 
@@ -30,7 +30,7 @@ FEWEST_INDEPENDENT = 0.02  # smallest share of independent values of a residual,
 
 
 class AmplitudeBasis(NamedTuple):
-    """Powers of the amplitude: their number, and whether their common exponent is a parameter."""
+    """A set of powers of the amplitude: how many, and whether the exponent is a parameter."""
 
     terms: int
     is_free: bool = False
@@ -55,7 +55,7 @@ NESTED = ("linear", "power", "power2", "power3")  # each basis contains its pred
 
 
 class ModeFit(NamedTuple):
-    """The fit of a basis to a signal: parameters, residual, derivatives and squares.
+    """The fit of a mode with given powers of amplitude: parameters, residual, derivatives.
 
     Attributes:
         theta: Parameters; those of a cause fitted together with the mode come last.
@@ -73,7 +73,7 @@ class ModeFit(NamedTuple):
 
 
 def independent_share(residual: Complexes) -> float:
-    r"""Return the share of a coloured residual's values that count as independent.
+    r"""Return the share of a coloured residual's values that count as independent ones.
 
     $$\frac{(\sum_k S_k)^2}{n \sum_k S_k^2}$$ with its smoothed power spectrum S.
     """

@@ -1,4 +1,4 @@
-r"""Statistical tests of readings: do records differ, does amplitude matter, with which power.
+r"""Statistical tests of frequency and damping: do records differ, does amplitude matter?
 
 A frequency or damping ratio, in row j of record i at amplitude $a_{ij}$, is modelled as
 
@@ -47,10 +47,11 @@ HYSTERESIS = {"bouc_wen": 1.0}
 # A law that saturates has a smaller power than to first order: 0.8 where delta y reaches 2.
 SATURATES = 0.25
 SLIDERS = ("masing_power", "iwan4")
+KINDS_OF_FORCE = (tuple(SPRINGS), tuple(DAMPERS), (*HYSTERESIS, *SLIDERS))
 
 
 class RecordTable(NamedTuple):
-    """The readings of one record: amplitude of motion, frequency and damping with covariances.
+    """Frequency and damping of one record against the amplitude of motion, with covariances.
 
     `chance` is the probability that a linear mode produces such a record, if that was tested.
     """
@@ -64,7 +65,7 @@ class RecordTable(NamedTuple):
 
 
 def curve_of(tables: Sequence[RecordTable]) -> AmplitudeCurve:
-    """Return the frequency and damping readings of all records as one amplitude curve.
+    """Return the frequency and damping values of all records as one curve against amplitude.
 
     Its covariances include the variation between records.
     """
@@ -83,7 +84,7 @@ def curve_of(tables: Sequence[RecordTable]) -> AmplitudeCurve:
 
 
 class AmplitudeTrend(NamedTuple):
-    """The dependence of frequency or damping on amplitude, estimated from readings.
+    """The dependence of frequency or damping on amplitude, estimated from several records.
 
     Attributes:
         at_rest: Value at vanishing amplitude.
@@ -133,7 +134,7 @@ class _Estimate(NamedTuple):
 
 
 def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
-    """Return how readings of `hz` or `zeta` depend on amplitude and differ between records.
+    """Return how `hz` or `zeta` depends on amplitude and differs between records.
 
     Args:
         tables: Readings, one table per record.
@@ -200,7 +201,7 @@ def _rows(tables: Sequence[RecordTable], quantity: str, unit: float, top: float)
 def _estimated(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], tau: float
 ) -> _Estimate:
-    """Estimate by generalised least squares, with standard deviation tau between records."""
+    """Estimate by generalised least squares, for a standard deviation tau between records."""
     num = design.shape[1]
     normal, right, squares, log_det = np.zeros((num, num)), np.zeros(num), 0.0, 0.0
     designs = [
@@ -222,7 +223,7 @@ def _estimated(
 def _between_records(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"]
 ) -> tuple[float, float]:
-    """Return the standard deviation between records, and the probability of it by chance."""
+    """Return the standard deviation between records, and its probability by chance."""
     if len(rows.blocks) < 2 or len(rows.value) - design.shape[1] < 1:
         return 0.0, 1.0
     nothing = _estimated(rows, design, 0.0).penalty
@@ -263,7 +264,7 @@ def _turn(b: Reals, covariance: Reals, low: float) -> float | None:
 
 
 def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
-    """Return the smallest amplitude at which the value clearly differs from that at the lowest."""
+    """Return the smallest amplitude whose value clearly differs from that at the lowest one."""
     powers = np.arange(1, len(b) + 1)
     for r in np.geomspace(low, 1.0, 60)[1:]:
         step = r**powers - low**powers
@@ -288,7 +289,7 @@ def _exponent(
 
 
 def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
-    """Return names of laws whose frequency and damping follow the observed powers of amplitude.
+    """Return the names of laws whose frequency and damping follow the observed powers.
 
     Laws are compared to first order in the amplitude. The simplest law comes first, but a law that
     would have to saturate comes last. A law of sliders can have any power, depending on the
@@ -315,7 +316,7 @@ def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
 def _with_power(
     laws: Mapping[str, float], interval: tuple[float, float, float] | None
 ) -> tuple[str, ...]:
-    """Return the laws whose power lies in an interval; none without an interval."""
+    """Return the laws whose power of amplitude lies in an interval; none without an interval."""
     if interval is None:
         return ()
     low, high = interval[1] - EQUAL, interval[2] + EQUAL

@@ -118,7 +118,7 @@ class SweepSignal:
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
     def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
-        """Return the signal with another amplitude of motion, on which the filter depends."""
+        """Return the signal with a different amplitude of motion, on which the filter depends."""
         return replace(self, amplitude=amplitude)
 
 
@@ -177,7 +177,7 @@ def sweep_signal(
 
 
 class SweepColumns(NamedTuple):
-    """The response columns of a mode under the drive of a sweep, up to gains.
+    """The response of a mode under the drive of a sweep, as columns with unknown gains.
 
     Attributes:
         columns: Response of the mode to the drive, of modes outside the band (two columns), and
@@ -242,7 +242,7 @@ def sweep_columns(
 
 
 def mirror_of(signal: SweepSignal, pole: Complexes) -> Complexes:
-    """Return the part of the conjugate pole, which is nearly equal for all similar poles."""
+    """Return the response of the conjugate pole, which is nearly equal for all similar poles."""
     growth, first, second, *_ = _moments(signal, np.conj(pole))
     begins = signal.u[0] / (1j * signal.rate[0] - np.conj(pole[0]))
     return _marched(growth, np.append(begins, _forced(signal, first, second)))
@@ -254,7 +254,7 @@ def _middle(values: Any) -> Any:
 
 
 def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
-    """Return the columns of a response that lags by a time [s], constant or given at every time."""
+    """Return the columns of a response delayed by a time [s], constant or given at every time."""
     return columns * np.exp(-1j * rate * lag_s)[:, None]
 
 
@@ -297,7 +297,7 @@ def fit_sweep(
     weight: Reals,
     cause: SweepCause | None = None,
 ) -> ModeFit:
-    """Fit a basis to a sweep with gains projected out, together with an additional cause if given.
+    """Fit a mode with given powers of amplitude to a sweep, and an additional cause if given.
 
     If the drive is a force, all gains except that of the initial state are real.
 
@@ -425,7 +425,7 @@ def _project(
 
 
 def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple[Complexes, Slopes]:
-    """Return the mode's pole [1/s] at every time from a basis, and its derivatives by parameter."""
+    """Return a mode's pole [1/s] at every time, and its derivatives with respect to parameters."""
     basis = BASES[name]
     r = np.maximum(signal.amplitude / signal.a0, LEAST_RATIO)
     powers = basis.values(r, basis.exponent(theta)).T * scale
@@ -444,7 +444,7 @@ def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple
 
 
 class SweepFits(NamedTuple):
-    """A sweep with the amplitude on which its filter depends, and the fits of all bases to it.
+    """A sweep with the amplitude on which its filter depends, and its fits.
 
     Attributes:
         signal: Sweep with the amplitude on which the filter depends.
@@ -473,7 +473,7 @@ class SweepFits(NamedTuple):
 
 
 def fit_bases(signal: SweepSignal) -> SweepFits:
-    """Fit all bases to a sweep, and update the amplitude of its filter from each round's fits."""
+    """Fit a mode to a sweep with each set of powers of amplitude; update the filter's amplitude."""
     top, order = signal.top, signal.order
     motion = (signal.rate[top] / signal.rate) ** order
     size = np.abs(signal.z)
@@ -530,7 +530,7 @@ def _bases(
     scale: float,
     weight: Reals,
 ) -> dict[str, ModeFit]:
-    """Fit bases with powers of amplitude, starting from the previous round's fits if possible.
+    """Fit a mode with more and more powers of amplitude, starting from the previous round.
 
     Each next basis is tried only while the residual decreases.
     """

@@ -1,12 +1,12 @@
-r"""The readings of a record: frequency and damping at several amplitudes, with covariances.
+r"""Frequency and damping of a record at several amplitudes, with covariances.
 
 Damping is that of the *motion*: a response of order n decays differently if the frequency changes,
 
 $$\sigma_{motion} = \sigma_{response} \Big(1 - n \frac{d \ln\omega}{d \ln a}\Big)$$
 
 Errors combine the sandwich covariance of a basis with one coefficient more than the data require,
-half of the change that this coefficient makes, and a floor: the frequency at an amplitude is no
-better defined than first-order averaging is,
+half of the change that this coefficient makes, and a lower limit: the frequency at an amplitude
+is no better defined than first-order averaging is,
 
 $$(c + \zeta)\,\Delta f + \Delta f^2 / f + f \zeta \Delta\zeta, \qquad
   (c + \zeta)\,\Delta\zeta + \zeta\,\Delta f / f$$
@@ -56,7 +56,7 @@ class MeasuredChange(NamedTuple):
 
 @dataclass(frozen=True)
 class ModeReading:
-    """The frequency and damping of one mode against amplitude, read from one record.
+    """The frequency and damping of one mode against amplitude, determined from one record.
 
     Attributes:
         kind: "decay" or "sweep".
@@ -114,7 +114,7 @@ class ModeReading:
         return self.amplitude / (2 * np.pi * self.hz) ** self.order
 
     def at(self, amplitudes: Reals) -> "ModeReading":
-        """Return the reading at other amplitudes within its range, by cubic interpolation."""
+        """Return frequency and damping at given amplitudes in the range, by interpolation."""
         rows = np.eye(len(self.amplitude))[::-1]
         weights = CubicSpline(np.log(self.amplitude[::-1]), rows)(np.log(amplitudes))
         return replace(
@@ -124,7 +124,7 @@ class ModeReading:
         )  # fmt: skip
 
     def table(self) -> RecordTable:
-        """Return the readings as a table for statistical tests, in order of rising amplitude."""
+        """Return frequency and damping as a table for statistical tests, by rising amplitude."""
         back = slice(None, None, -1)
         return RecordTable(
             self.y[back], self.hz[back], self.zeta[back], self.hz_covariance[back, back],
@@ -133,7 +133,7 @@ class ModeReading:
 
 
 def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
-    """Return the reading of a record with errors, from the basis that describes its data best."""
+    """Return frequency and damping with errors, from the fit that describes a record best."""
     best = min(fits.fits.values(), key=lambda fit: fit.squares)
     count = 2 * len(fits.signal.z) * independent_share(best.residual * fits.weight)
     chosen = _chosen(fits.fits, count)
@@ -194,7 +194,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
 
 
 def _chosen(fits: dict[str, ModeFit], count: float) -> str:
-    """Return the basis with the best concentrated likelihood and a penalty per parameter (BIC)."""
+    """Return the basis with the best concentrated likelihood, penalised per parameter (BIC)."""
     scores = {
         name: count * np.log(max(fit.squares, 1e-300)) + len(fit.theta) * np.log(count)
         for name, fit in fits.items()
@@ -217,7 +217,7 @@ def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
 
 
 class _Rows:
-    """Frequency and damping at several amplitudes from one basis, with their covariances."""
+    """Frequency and damping at several amplitudes from one fit, with their covariances."""
 
     def __init__(self, fits: DecayFits | SweepFits, name: str, grid: Reals) -> None:
         basis, fit, scale = BASES[name], fits.fits[name], fits.scale
@@ -246,7 +246,7 @@ class _Rows:
 
 
 def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Reals, Reals]:
-    """Return the errors due to a residual beyond noise at high amplitude, at least the floor."""
+    """Return the errors due to a residual beyond noise at high amplitude, with a lower limit."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
     excess = float(np.mean(np.abs(best.residual[loud]) ** 2)) - 1.5 * fits.noise**2
@@ -268,7 +268,7 @@ def _second_order(fits: DecayFits | SweepFits, rows: _Rows) -> tuple[Reals, Real
 
 
 def _change(values: Reals, spread: Square, floor: float, factor: float = 1.0) -> MeasuredChange:
-    """Return the difference between the first and last value of a table, with its error."""
+    """Return the difference between a table's last and first value, with its error."""
     variance = spread[0, 0] + spread[-1, -1] - 2 * spread[0, -1]
     sd = np.hypot(np.sqrt(max(float(variance), 0.0)), floor)
     return MeasuredChange(float((values[0] - values[-1]) * factor), float(sd * factor))
@@ -281,7 +281,7 @@ def _matters(hz: MeasuredChange, zeta: MeasuredChange, damping: float) -> bool:
 
 
 def _chance_of_linear(fits: DecayFits | SweepFits, count: float) -> float:
-    """Return the probability (Wald's test) that only chance makes the coefficients of amplitude."""
+    """Return the probability that a linear mode shows such an effect of amplitude (Wald's test)."""
     if "quadratic" not in fits.fits:
         return 1.0
     fit, first = fits.fits["quadratic"], fits.FIRST

@@ -23,7 +23,7 @@ from jbw.units import plain
 
 
 def _texts(channels: Mapping[str, Any], name: str, number: int) -> list[str]:
-    """Return a fact of every channel as text; empty texts if the file has no such fact."""
+    """Return an attribute of every channel as text; empty texts if the file lacks it."""
     node = channels.get(name)
     if isinstance(node, Opaque):
         found = node.text.split("\n")

@@ -79,7 +79,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
 
 def _of_kind[Kind: Law](kind: type[Kind], law: Law) -> Kind:
-    """Return a law of another class that has the same fields, with the same numbers."""
+    """Convert a law to another class that has the same fields, with the same numbers."""
     same = object.__new__(kind)
     for field in fields(law):
         object.__setattr__(same, field.name, getattr(law, field.name))

@@ -63,7 +63,7 @@ _PRODUCTS = Coordinates(
 
 
 class BoucWenLaw(Law):
-    r"""The Bouc-Wen hysteresis law of the paper, whose internal state is the force Z.
+    r"""The Bouc-Wen hysteresis law of Teloli et al., whose internal state is the force Z.
 
     $$\dot Z = \alpha\dot y - \gamma|\dot y||Z|^{\nu-1}Z - \delta\dot y|Z|^\nu$$
 
@@ -117,7 +117,7 @@ class BoucWenLaw(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""Return prior bounds in which softening delta Y and opening gamma Y can reach order one.
+        r"""Return prior bounds with which delta Y (softening) and gamma Y (opening) are around one.
 
         alpha is bounded as a share of omega_n^2. A negative delta, with which the joint hardens, is
         bounded by the growth of its force, $(e^{|\delta| Y} - 1) / |\delta| Y$ = 3.2 times that of
@@ -134,7 +134,7 @@ class BoucWenLaw(Law):
     def coordinate_bounds(
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
-        """Return prior bounds of the products: up to four times the larger fitted product.
+        """Return prior bounds of alpha delta and alpha gamma: four times the larger fitted one.
 
         The lower bound is 0 unless delta or gamma may be negative.
         """
@@ -186,20 +186,20 @@ class BoucWenLaw(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """Return Z - alpha y and h times its rate -c v Z."""
+        """Return the force Z - alpha y, and its rate -c v Z times the time step h."""
         return memory - self.alpha * y, -h * branch * v * memory
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
     ) -> Scalar:
-        """Return half of h^2 times the second time derivative of Z - alpha y."""
+        """Return h^2/2 times the second time derivative of Z - alpha y, with the time step h."""
         slope = self.alpha - branch * memory
         return -0.5 * h**2 * branch * (a * memory + v**2 * slope)
 
     def glide(
         self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
     ) -> tuple[Scalar, Bool[Array, "..."]]:
-        """Return Z after a step; True if Z passed zero, or if the step was too long."""
+        """Return Z after a step, and True if Z passed zero or the step was too long."""
         moved = smooth_move(self.alpha, branch, memory, dy)
         return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)  # pyright: ignore[reportReturnType]
 
@@ -242,7 +242,7 @@ class BoucWenLaw(Law):
         require_closed_form(self)
 
     def admits(self, memory: Scalar) -> None:
-        """Raise if an initial Z exceeds alpha/(delta + |gamma|), from where it would diverge."""
+        """Raise if an initial Z exceeds alpha/(delta + |gamma|), above which it diverges."""
         softening = np.maximum(np.asarray(self.delta) + np.abs(np.asarray(self.gamma)), 0.0)
         limit = np.maximum(np.asarray(self.alpha), 0.0)
         if self.nu == 1.0 and np.any(np.abs(memory) * softening > limit):

@@ -48,7 +48,7 @@ _PERIODS = 4  # number of Newton steps that solve for the stretch of the steady 
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return stiffness loss per delta and damping per gamma at small motion, over (alpha Y)^nu.
+    r"""Return, in small motion, stiffness loss / delta and damping / gamma, over (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """
@@ -102,7 +102,7 @@ class BoucWenNu(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds in which softening and opening may be of order one at largest motion.
+        """Return prior bounds for softening and loop opening of order one at the largest motion.
 
         This holds for nu = 1.
         """
@@ -182,7 +182,7 @@ class BoucWenNu(Law):
         return memory
 
     def _factors(self) -> tuple[Array, Array]:
-        """Return the factor c of the slope 1 - c |w|^nu, for motion to and away from w = 0."""
+        """Return the factors c of the slope 1 - c |w|^nu, for motion to and away from w = 0."""
         less, more = self.nu_softening - self.nu_opening, self.nu_softening + self.nu_opening
         return jnp.asarray(less), jnp.asarray(more)
 
@@ -232,14 +232,14 @@ class BoucWenNu(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
-        """Return alpha (w - y) and h times its rate."""
+        """Return the force alpha (w - y), and its rate times the time step h."""
         alpha = self.nu_stiffness
         return alpha * (memory - y), -h * alpha * v * self._lost(v, memory)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
     ) -> Scalar:
-        """Return half of h^2 times the second derivative of alpha (w - y) near a reversal."""
+        """Return h^2/2 times the second time derivative of alpha (w - y) near a reversal."""
         return -0.5 * h**2 * self.nu_stiffness * a * self._lost(v, memory)
 
     def glide(

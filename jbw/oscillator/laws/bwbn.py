@@ -135,7 +135,7 @@ class BWBNPinching(Law):
         return Worn(0.0, 0.0)
 
     def memory_unit(self, omega_n: Scalar) -> Worn:
-        """Return factors of the internal state to velocities: omega_n for z, 0 for the energy."""
+        """Return factors that convert the state to velocities: omega_n for z, 0 for the energy."""
         return Worn(omega_n, 0.0)
 
     def force(self, y: Scalar, v: Scalar, memory: Worn) -> Scalar:
@@ -167,7 +167,7 @@ class BWBNPinching(Law):
 
     # -- along a path ------------------------------------------------------------------------------
     def move(self, y: Scalar, memory: Worn, dy: Scalar) -> Worn:
-        """Return the internal state after a monotone move, with an error of 1e-12 of z."""
+        """Return the internal state after a monotone move, with a relative error of 1e-12."""
         return batched(_moved, self, Worn(*memory), dy)
 
     def follow(self, y: Scalar, memory: Worn, dy: Scalar) -> Worn:
@@ -224,7 +224,7 @@ class BWBNPinching(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Worn, ends: Ends, quartic: Scalar
     ) -> tuple[Worn, Scalar, Scalar]:
-        """Return the internal state after a step with a reversal, and the effect of its kink."""
+        """Return the state after a step with a reversal, and the effect of its kink on v and y."""
         path = StepPath.through(ends, quartic)
         top = self._in_parts(memory, path.before, 1)
         jump = self.bwbn_stiffness * (self.slope(path.after, top) - self.slope(path.before, top))
@@ -293,7 +293,7 @@ class BWBNPinching(Law):
         )  # fmt: skip
 
     def _unworn(self, mass: float) -> tuple[Scalar, ...]:
-        """Return the first arguments of both OpenSees materials: ratio, k_0, n, gamma, beta, A."""
+        """Return the arguments common to both OpenSees materials: ratio, k_0, n, gamma, beta, A."""
         lost = self.bwbn_yield**-self.bwbn_n
         gamma, beta = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
         return 0.0, mass * self.bwbn_stiffness, self.bwbn_n, gamma, beta, 1.0

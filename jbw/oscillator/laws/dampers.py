@@ -55,7 +55,7 @@ class QuadraticDamping(Damper):
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> Scalar:
-        """Return half of h^2 times the second time derivative of the force.
+        """Return h^2/2 times the second time derivative of the force, with the time step h.
 
         This is half of h^2 g'' a^2; the remaining term g' da/dt vanishes at a turning point.
         """

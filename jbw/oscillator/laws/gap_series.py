@@ -126,7 +126,7 @@ class GapSeries(Law):
         return 0.0 * self.gap_stiffness
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return factors of force and position to velocities: 1 / omega_n and omega_n."""
+        """Return factors that convert force and position to velocities: 1 / omega_n, omega_n."""
         return 1.0 / omega_n, omega_n
 
     def branch(self, v: Scalar, memory: Memory) -> Contact:
@@ -150,13 +150,13 @@ class GapSeries(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Contact
     ) -> tuple[Scalar, Scalar]:
-        """Return the force Z, which has no linear part at rest, and h times its rate."""
+        """Return the force Z (no linear part at rest), and its rate times the time step h."""
         return memory[0], h * v * self._slope(memory[0], branch)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Contact
     ) -> Scalar:
-        """Return half of h^2 times the second time derivative of Z."""
+        """Return h^2/2 times the second time derivative of Z, with the time step h."""
         slope = self._slope(memory[0], branch)
         return 0.5 * h**2 * slope * (a - branch[1] * v**2)
 
@@ -167,7 +167,7 @@ class GapSeries(Law):
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact
     ) -> tuple[Memory, Bool[Array, "..."]]:
-        """Return the internal state after a step without reversal; True if a contact changed."""
+        """Return the internal state after a step without reversal, and True if contact changed."""
         gap_move = moved(self, memory, dy)
         return gap_move.memory, gap_move.released | gap_move.met
 
@@ -225,12 +225,12 @@ class GapSeries(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> Memory:
-        """Return the internal state in contact, at the tip of a loop of amplitude Y - b."""
+        """Return the internal state in contact, at the tip of the element's own loop."""
         beyond = jnp.maximum(jnp.asarray(y_peak, float) - self.gap, 0.0)
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return equivalent stiffness and damping, $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$.
+        r"""Return equivalent stiffness and damping, from the loss E per cycle in contact.
 
         The motion is y = Y cos(theta).
         """

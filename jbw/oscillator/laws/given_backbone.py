@@ -49,7 +49,7 @@ class GivenBackbone(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds of both scales: within a factor of 5, not above the structure's."""
+        """Return prior bounds of both scales: a factor of 5, no stiffer than the structure."""
         stiffest = scales.omega_n**2 / cls.at_zero
         return {
             cls.names()[0]: (SCALE[0] * min(1.0, stiffest), min(SCALE[1], stiffest)),
@@ -83,7 +83,7 @@ class GivenBackbone(Masing):
         return self.scale_force * self.scale_displacement * scaled_integral
 
     def _piece(self, x: Scalar) -> tuple[Float[Array, "4 ..."], Scalar, Scalar]:
-        """Return the coefficients of the curve's piece at x, distance in it, and integral."""
+        """Return the curve's polynomial at x, the place of x in it, and the integral before it."""
         way = jnp.asarray(x, float) / self.scale_displacement
         knots = jnp.asarray(self.knots)
         index = jnp.sum(stop_gradient(way)[..., None] >= knots[1:], -1)

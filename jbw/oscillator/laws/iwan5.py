@@ -231,7 +231,7 @@ class Iwan5(Law):
 
 
 def _drop(theta: Scalar, ratio: Scalar) -> Scalar:
-    """Return the phase angle at which sliders of limit `ratio` times the peak slip [rad]."""
+    """Return the phase angle at which sliders with a limit of `ratio` times the peak slip [rad]."""
     return 2.0 * jnp.arcsin(jnp.sqrt(0.5 * (1.0 + theta) * ratio * _WITHIN))
 
 

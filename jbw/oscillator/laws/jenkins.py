@@ -165,21 +165,21 @@ class Jenkins(Law):
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Bool[Array, "..."], ...]:
-        """Return which sliders slip; their stretch is exactly phi, because moves clip it."""
+        """Return which sliders slip; these are stretched exactly by their slip displacement."""
         pairs = zip(memory, self.phi, strict=True)
         return tuple(signed(x, v) >= phi for x, phi in pairs)
 
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[Scalar, ...], branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """Return the force lost to slip, sum alpha (x - y), and h times its rate."""
+        """Return the force lost to slip, sum alpha (x - y), and its rate times the time step h."""
         pairs = zip(self.alpha, memory, strict=True)
         return sum(alpha * (x - y) for alpha, x in pairs), -h * v * self._slipping(branch)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple, branch: tuple
     ) -> Scalar:
-        """Return half of h^2 times the second time derivative of the force lost to slip."""
+        """Return h^2/2 times the second time derivative of the force lost to slip."""
         return -0.5 * h**2 * a * self._slipping(branch)
 
     def glide(
@@ -280,7 +280,7 @@ class Jenkins(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force [N/kg] at angles of a period with two turning points; exact."""
+        """Return the exact steady force [N/kg] at angles of a period with two turning points."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         peak = synthesis(q, crest(q))

@@ -73,7 +73,7 @@ def _kinked_step_jvp(primals, tangents):
 def _kinked(
     law: Law, z: Scalar, ends: Ends, quartic: Scalar
 ) -> tuple[tuple[Scalar, Scalar, Scalar], tuple[Slopes, ...]]:
-    """Return the force z at the end and impulses (times 1/h and 1/h^2), and derivatives of each.
+    """Return the force z at the end of a step, and the kinks' impulses over h and h^2, with slopes.
 
     Under jit the derivatives are computed only if they are used.
     """
@@ -106,7 +106,7 @@ def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
 def _turn_slopes(
     motion: _Motion, ends: Ends, quartic: Scalar
 ) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
-    """Return the derivatives of turning point, curvature and first move by the path.
+    """Return derivatives of turning point, curvature and first move with respect to the path.
 
     Because the cubic is flat there, its move depends only on the path and not on where it turns.
     """
@@ -129,7 +129,7 @@ def _turn_slopes(
 
 
 def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
-    """Return derivatives by the path of a step, from those by its two moves."""
+    """Convert derivatives with respect to a step's two moves to those with respect to its path."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)

@@ -129,7 +129,7 @@ class Masing(Law):
         return self.move(0.0 * y_peak, self.at_rest(), y_peak)
 
     def memory_unit(self, omega_n: Scalar) -> Branch:
-        """Return factors of the state to velocities: 1/omega_n for forces, omega_n for lengths."""
+        """Return factors from state to velocities: 1/omega_n for forces, omega_n for lengths."""
         # Counters and dependent entries have a small weight, a power of two to avoid rounding.
         small = 2.0**-10 + 0.0 * omega_n
         none = 0.0 * omega_n  # `missed` only counts upwards, so it has no part in a steady state.
@@ -159,7 +159,7 @@ class Masing(Law):
         return memory.stack.y, memory.stack.f
 
     def with_columns(self, y: Scalar, memory: Branch, columns: tuple) -> Branch:
-        """Return the branch at y that follows from other load reversals."""
+        """Return the branch at y that follows from the given load reversals."""
         stack = memory.stack._replace(y=columns[0], f=columns[1])
         return self.refreshed(y, memory._replace(stack=stack))
 
@@ -188,19 +188,19 @@ class Masing(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Branch, branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """Return F - K y and h times its rate."""
+        """Return the force without its linear part, F - K y, and its rate times the time step h."""
         return memory.force - self.stiffness() * y, h * v * memory.slope
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Branch, branch: tuple
     ) -> Scalar:
-        """Return half of h^2 times the second derivative of F - K y near a reversal."""
+        """Return h^2/2 times the second time derivative of F - K y near a reversal."""
         return 0.5 * h**2 * a * memory.slope
 
     def glide(
         self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple
     ) -> tuple[Branch, Bool[Array, "..."]]:
-        """Return the internal state after a step; True if it reversed, closed or met a kink."""
+        """Return the state after a step, and True if it reversed, closed a loop or met a kink."""
         sense, after = memory.sense, y + dy
         force, slope = self._on_branch(memory, after)
         met = (sense * dy <= 0.0) | closes(sense, after, memory.y, memory.closure)
@@ -267,7 +267,7 @@ class Masing(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Return the odd harmonics of F - K y, if the motion has two turning points per period."""
+        """Return the odd harmonics of F - K y, for a motion with two turning points per period."""
         if max_turns > 2:
             return super().harmonics(q, max_turns, omega)
         return steady_harmonics(self, q)
@@ -279,7 +279,7 @@ class Masing(Law):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force [N/kg] at angles of a period with two turning points; exact."""
+        """Return the exact steady force [N/kg] at angles of a period with two turning points."""
         if max_turns > 2:
             return super().force_over_period(q, theta, max_turns, omega)
         return steady_force(self, q, theta)

@@ -126,7 +126,7 @@ def _folded_force_over_period(
 
 
 def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Array, " turn"]:
-    r"""Return the turning points of half a period from the crest on, padded with its mirror."""
+    r"""Return the turning points of half a period, from the crest to its mirror image."""
     start = crest(q)
     points = max(_LEAST_GRID, _GRID_PER_HARMONIC * q.shape[0])
     # The grid is half a cell away from both ends, where y' is zero anyway.
@@ -144,7 +144,7 @@ def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Arra
 def _polish(
     q: Complex[Array, " harmonic"], lower: Float[Array, " turn"], width: float
 ) -> Float[Array, " turn"]:
-    """Return the zero of y' in each cell, by halving and then by Newton steps."""
+    """Return the zero of y' in each cell of a grid, by bisection and then by Newton steps."""
     fixed = stop_gradient(q)
     sign = jnp.sign(synthesis(fixed, lower, 1))
 
@@ -160,7 +160,7 @@ def _polish(
 def _turning_states(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> tuple[Any, Float[Array, " turn"], Float[Array, " turn"], Float[Array, " turn"]]:
-    """Return turning points with y and z at each of them, and the law of z/alpha."""
+    """Return the turning points, with y and z at each of them, and the law of z/alpha."""
     law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
     turns = turning_angles(q, max_turns)
     y = synthesis(q, turns)
@@ -192,7 +192,7 @@ def _zeros(
     z_turn: Float[Array, " turn"],
     law: Hysteresis,
 ) -> Float[Array, " segment"]:
-    """Return the angle at which z vanishes between two turning points, or else the middle."""
+    """Return the angle at which z vanishes between two turning points, or else their middle."""
     q, turns, y_turn, z_turn, law = stop_gradient((q, turns, y_turn, z_turn, law))
     lower, upper = turns[:-1], turns[1:]
     direction = jnp.sign(y_turn[1:] - y_turn[:-1])

@@ -127,7 +127,7 @@ Pair = tuple[Scalar, Scalar]
 
 
 class MoveSlopes(NamedTuple):
-    """The derivatives of a result of two moves; that by alpha follows from proportionality."""
+    """The derivatives of a result of two moves; the one for alpha follows from proportionality."""
 
     delta: Scalar
     gamma: Scalar
@@ -169,7 +169,7 @@ class _Segment(NamedTuple):
 
 
 class _Segments(NamedTuple):
-    """The parts of two moves, and which move, if any, crosses z = 0; `past` is its distance."""
+    """The parts of two moves, which move crosses z = 0, and the signed distance past zero."""
 
     a: _Segment
     b: _Segment
@@ -191,7 +191,7 @@ def two_moves(
         length**2 * saturation_slope(part.c * length)
         for part, length in ((a, length_a), (b, length_b), (c, c.length))
     )
-    # Derivative of the distance to the zero of z by the force: 1/(alpha - c z).
+    # Derivative of the distance to the zero of z with respect to the force: 1/(alpha - c z).
     per_start = barrier(1.0 / jnp.where(early, alpha - a.c * z, 1.0))
     per_turn = barrier(1.0 / jnp.where(late, alpha - b.c * a.end, 1.0))
     slope_b, slope_c = barrier((alpha - b.c * b.end, alpha - c.c * c.end))
@@ -223,7 +223,7 @@ def two_moves(
 
 
 def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
-    """Return derivatives by delta and gamma, from those by the constants c of the parts."""
+    """Return derivatives with respect to delta and gamma, from those with respect to each c."""
     by_delta = sum((part.delta_sign * by_c for part, by_c in terms), 0.0)
     by_gamma = sum((part.gamma_sign * by_c for part, by_c in terms), 0.0)
     return barrier((by_delta, by_gamma))

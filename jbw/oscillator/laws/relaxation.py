@@ -62,7 +62,7 @@ def phi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, ".
 
 
 def psi(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the distance that relaxes to x at the rate c (the inverse of `phi`).
+    r"""Return the move psi that relaxes to the distance x at the rate c: phi(c, psi) = x.
 
     $$\psi(c, x) = -\frac{\ln(1 - c x)}{c}, \qquad \psi(0, x) = x$$
     """
@@ -164,7 +164,7 @@ def _half_width_jvp(
 
 
 def _slope(x: Array, b: Array, g: Array) -> Array:
-    """Return the derivative by x of the residual of a loop's half-width, x - 1 - opening(x)."""
+    """Return the derivative of x - 1 - opening(x), the residual of a loop's half-width x."""
     relaxed = phi(b, x)
     return 1.0 - g * relaxed / (jnp.exp(-b * x) + 2.0 * g * relaxed)
 

@@ -104,7 +104,7 @@ def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Arr
 
 
 def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tuple[Scalar, Stack]:
-    """Return direction and load reversals at (y, f); a move in the other direction adds one."""
+    """Return direction and load reversals at (y, f); a changed direction adds a load reversal."""
     turned = jnp.asarray((sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0)))
     full = turned & jnp.asarray(stack.count > len(stack.y) - 0.5)
     place = jnp.where(turned, stack.count - jnp.where(full, 2.0, 0.0), -1.0)
@@ -120,7 +120,7 @@ def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tup
 
 
 def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scalar]:
-    """Return the reversals after a move to y, how many loops it closed, and the last closure."""
+    """Return the load reversals left after a move to y, and number and place of closed loops."""
     fixed_sense, fixed, end = stop_gradient((sense, stack, y))
 
     def going_on(count: Scalar) -> tuple[Scalar, Bool[Array, "..."]]:
@@ -155,7 +155,7 @@ def _closing_place(y: Entries, count: Scalar) -> Scalar:
 
 
 def _mirrored(entries: Entries) -> Scalar:
-    """Return the displacement opposite to a stack's second entry about its first [m].
+    """Return the displacement of a stack's second entry, mirrored about its first [m].
 
     The first branch after the virgin curve closes there.
     """

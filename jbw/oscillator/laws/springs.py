@@ -38,7 +38,7 @@ class Spring(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> tuple[Scalar, Scalar]:
-        """Return the force f(y), and h times its rate f'(y) v."""
+        """Return the force f(y), and its rate f'(y) v times the time step h."""
         return barrier(jax.jvp(self, (y,), (h * v,)))
 
     def harmonics(
@@ -58,7 +58,7 @@ class Spring(Law):
         return self(synthesis(q, theta))  # pyright: ignore[reportReturnType]
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the loop of an odd force: no damping, and a stiffness exact to degree 61."""
+        """Return the loop of an odd force: no damping, and a stiffness exact up to degree 61."""
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak == 0.0, 1.0, y_peak)
         cosines = np.cos(np.pi * (np.arange(16) + 0.5) / 32)
@@ -82,7 +82,7 @@ class Spring(Law):
             )
 
     def even_part(self) -> str | None:
-        """Return a description of the even part of the force, or None; only for concrete values."""
+        """Describe the even part of the force; None without one, or if JAX traces the values."""
         if not is_concrete(self):
             return None
         for y in _PROBES:

@@ -103,7 +103,7 @@ class StepSlopes(NamedTuple):
 
     Attributes:
         columns: Change of the part per unit of each of its arguments.
-        offset: Change of the part by the tangents of constants and input.
+        offset: Change of the part due to the tangents of constants and input.
     """
 
     columns: tuple
@@ -119,17 +119,18 @@ class StepSlopes(NamedTuple):
 
 
 class JointSlopes(NamedTuple):
-    """Derivatives of all parts of a joint's time step, and of the linear parts by the constants.
+    """Derivatives of a joint's time step, and changes of its linear parts due to the constants.
 
     Attributes:
-        start: Derivatives of r and h r' by x, v and the memories.
-        path_by: Change of the path by the constants.
-        half_bend: Derivatives of half of h^2 r'' by x, v, a and the memories; None for one joint.
-        bent_by: Change of the other joints' bending of the path by the constants.
+        start: Derivatives of r and h r' with respect to x, v and the memories.
+        path_by: Change of the path due to the constants.
+        half_bend: Derivatives of h^2 r''/2 with respect to x, v, a and the memories; None for one
+            joint.
+        bent_by: Change of the other joints' bending of the path due to the constants.
         turns: 1 where the joint turns, so that this bending moves the end of its path, else 0.
-        passing: Derivatives of `Passed` and the memories by x, v, memories and path.
-        move_by: Change of the correction of x by the constants.
-        by_move: Derivatives of the memories by the correction of x.
+        passing: Derivatives of `Passed` and the memories with respect to x, v, memories and path.
+        move_by: Change of the correction of x due to the constants.
+        by_move: Derivatives of the memories with respect to the correction of x.
     """
 
     start: StepSlopes
@@ -143,7 +144,7 @@ class JointSlopes(NamedTuple):
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any]:
-    """Return the derivatives of the steps of every joint, and of the modes by constants and input.
+    """Return derivatives of each joint's step, and of the modes for given changes of the constants.
 
     Many steps are computed at once, along the first axis of all arguments but the constants.
     """
@@ -186,7 +187,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
 def _by_constants(
     step: ModalStep, step_dot: ModalStep, function: Callable[..., Any], *arguments: Any
 ) -> tuple[Any, Any]:
-    """Return a function's values in many steps, with derivatives by the step's constants."""
+    """Return a function's values in many steps, and their change due to the step's constants."""
 
     def in_step(step_dot: ModalStep, *arguments: Any) -> tuple[Any, Any]:
         return jax.jvp(lambda step: function(step, *arguments), (step,), (step_dot,))
@@ -222,12 +223,12 @@ def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> 
 
 
 def _start(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return the force without its linear part, r, and h r', at the start of a step."""
+    """Return r, the force without its linear part, and its rate times h at the start of a step."""
     return remainder(Begun(kernel, *at))
 
 
 def _half_bend(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return half of h^2 r'' at the start of a step, from x, v, internal states and a."""
+    """Return h^2 r''/2 of a joint's nonlinear force r at the start of a step, from x, v and a."""
     *start, a = at
     return (half_bend(Begun(kernel, *start), a),)
 
@@ -236,7 +237,7 @@ def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]
     """Return a joint's step before the correction of its displacement x.
 
     Where the joint turns, the bends of the other joints add to x and v at the end of the path, and
-    to the shift; derivatives by these bends follow from the derivatives by the path.
+    to the shift; the effect of changes of these bends follows from that of changes of the path.
     """
     *start, path = at
     return pass_always(Begun(kernel, *start), path, bends)
@@ -245,7 +246,7 @@ def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]
 def _sloped(
     function: Callable[..., Any], kernel: JointKernel, kernel_dot: JointKernel, at: Any
 ) -> tuple[Any, StepSlopes]:
-    """Return a part of a joint's step, with its derivatives."""
+    """Return the value of `function`, a part of a joint's step, with its derivatives."""
     value, by_at = jax.linearize(lambda at: function(kernel, at), at)
     _, offset = jax.jvp(lambda kernel: function(kernel, at), (kernel,), (kernel_dot,))
     return value, StepSlopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
@@ -263,7 +264,7 @@ def _passing_slopes(
 def _moved_slopes(
     kernel: JointKernel, kernel_dot: JointKernel, end: End, move: Scalar, by_along: StepSlopes
 ) -> tuple[StepSlopes, tuple]:
-    """Return the derivatives of a joint's step and internal states by the correction of x."""
+    """Return derivatives of a joint's step with respect to the correction of its displacement x."""
     laws, laws_dot = kernel.laws, kernel_dot.laws
     _, by_end = jax.linearize(lambda end: shifted(laws, end, move), end)
 
@@ -290,7 +291,7 @@ def _ways(at: Any) -> list[Any]:
 
 
 def _recurrence(step: ModalStep, state_dot, inputs):
-    """Advance the derivative of the state by one step: linear parts, and each joint's columns."""
+    """Advance the derivative of the state by one step, from those of each joint's step."""
     slopes, (rise_by, gain_by, seen_by), post = inputs
     (q, v, memories), _ = state_dot
     none = tuple(jnp.zeros_like(part) for part in q)

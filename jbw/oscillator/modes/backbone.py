@@ -274,7 +274,7 @@ def _newton(
 
 
 class Units(NamedTuple):
-    """The units of the mode's coordinate and of each joint's displacement, over the amplitude."""
+    """The units of the mode's coordinate and of each joint's displacement, per unit amplitude."""
 
     q: Scalar
     x: Array
@@ -288,7 +288,7 @@ def _units(options: BackboneOptions, mode: Mode, structure: Structure) -> Units:
 
 
 class BackboneMotion(NamedTuple):
-    """The motion at a point of the backbone, in units of the amplitude and of each joint.
+    """The motion at a point of the backbone, in units of amplitude and joints' displacements.
 
     `residual_1` is the first harmonic of the mode's own balance, multiplied by d of the mode.
     """
@@ -339,7 +339,7 @@ def _imbalance(
 def _backbone_point(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Array
 ) -> tuple[ModalBackbone, Array]:
-    r"""Return one point of the backbone, with the largest number of turning points of a joint.
+    r"""Return one point of the backbone, and the turning points of the joint that turns most often.
 
     The loss of a joint per cycle is $\pi \sum_n n\,\mathrm{Im}(r_n \bar X_n)$.
     """

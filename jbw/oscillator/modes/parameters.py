@@ -63,7 +63,7 @@ def has_further_modes(names: Any) -> bool:
 
 
 def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
-    """Return the structure with parameters given by name; b is over mode 1's gain, and c = 1.
+    """Return the structure with parameters given by name; b is relative to mode 1, and c = 1.
 
     For several joints, b and c are those of the reduced model (`jbw.oscillator.modes.assembled`).
 

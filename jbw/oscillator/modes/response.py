@@ -243,7 +243,7 @@ def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
 def _stock(
     options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: ModalState
 ) -> Solved:
-    """Return a motion by a stock solver; a periodic one extends to the next period's start."""
+    """Simulate by a standard solver; a periodic motion includes the start of the next period."""
     num = (options.num_samples or 0) + options.periodic
     scheme = StockScheme(options.solver, options.controller, options.substeps)
     start = initial, tuple(jnp.zeros(()) for _ in structure.laws)

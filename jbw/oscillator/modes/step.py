@@ -70,7 +70,7 @@ class ModeStep(eqx.Module):
 class Coupling(eqx.Module):
     """The effect of one joint's force on another joint's motion in a step, summed over modes.
 
-    `bend_*` are the effects of half of h^2 r'', a - b of the corrector's constants.
+    `bend_*` are the effects of h^2 r''/2, a - b of the corrector's constants.
     """
 
     mobility: Scalar
@@ -88,7 +88,7 @@ class Coupling(eqx.Module):
 class JointKernel(eqx.Module):
     """The constants of a joint's own part of a time step.
 
-    `bend_*` are the effects of half of h^2 r'' of the joint itself on its x and v.
+    `bend_*` are the effects of h^2 r''/2 of the joint itself on its x and v.
     """
 
     laws: tuple[Law, ...]
@@ -338,19 +338,19 @@ def seen_by_joints(
 
 
 def remainder(at: Begun) -> Remainder:
-    """Return the force of a joint's laws without its linear part, and h times its rate."""
+    """Return a joint's force without its linear part, and its rate times the time step h."""
     return Remainder(*remainders(at.kernel.laws, at.kernel.dt, at.state, at.branches))
 
 
 def half_bend(at: Begun, a: Scalar) -> Scalar:
-    """Return half of h^2 r'' of a joint at the start of a step, from its acceleration."""
+    """Return h^2 r''/2 of a joint's nonlinear force r at the start of a step."""
     if not at.kernel.laws:
         return jnp.zeros_like(a)
     return bend(at.kernel.laws, at.kernel.dt, at.state, at.branches, a)
 
 
 def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Return the effect of other joints' half h^2 r'' on a joint's x and v; empty for one joint."""
+    """Return the effect of other joints' h^2 r''/2 on one joint's x and v; empty for one joint."""
     if not half_bends:
         return ()
     pairs = list(zip(joint.by_others, half_bends, strict=True))
@@ -358,7 +358,7 @@ def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
 
 
 def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-    """Return for each joint the effect of the other joints' half h^2 r''."""
+    """Return for each joint the effect of the other joints' h^2 r''/2 on its x and v."""
     return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
 
 
@@ -370,7 +370,7 @@ def _without(place: int, values: tuple[Any, ...]) -> tuple[Any, ...]:
 def predicted(
     step: ModalStep, seen: Sequence[FreeMotion], starts: Sequence[Remainder]
 ) -> tuple[Path, ...]:
-    """Return the path of every joint, predicted from r and h r' of all joints."""
+    """Return each joint's path, predicted from the forces r of all joints and their rates."""
 
     def path(joint: JointStep, at: FreeMotion) -> Path:
         pairs = list(zip(joint.by, starts, strict=True))
@@ -382,7 +382,7 @@ def predicted(
 
 
 def _less(total: Scalar, *parts: Any) -> Scalar:
-    """Subtract several terms from a total, one after another."""
+    """Subtract terms from a total, one after another."""
     return reduce(sub, (part for group in parts for part in group), total)
 
 
@@ -411,7 +411,7 @@ def pass_where_met(
 def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passed, End]:
     """Advance a joint along its path; treat kinks in every step, for derivatives of many steps.
 
-    `bends` are the effects of half of h^2 r'' of the other joints on this joint's x and v.
+    `bends` are the effects of h^2 r''/2 of the other joints on this joint's x and v.
     """
     end, shift = _smooth(at, path), jnp.zeros_like(path.x)
     if at.kernel.laws and any(law.kinked for law in at.kernel.laws):
@@ -439,7 +439,7 @@ def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
 
 
 def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[End, Scalar]:
-    """Return the end of a step with kinks, and the part of their effect that x already includes."""
+    """Return the end of a step with kinks, and the part of their effect already included in x."""
     kernel, start = at.kernel, (at.state, at.branches, path.a)
     weights = kernel.bend_y, kernel.bend_v
     end, shifts = through_kinks(kernel.laws, kernel.dt, start, weights, (path.x, path.v), bends)

@@ -99,7 +99,7 @@ def by_joint(structure: Structure) -> Structure:
 
 
 def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) -> Laws:
-    """Apply a function to every law, with the entries of its joint in other sequences."""
+    """Apply a function to every law, together with its joint's entries of other sequences."""
     return tuple(
         tuple(function(law, *entries) for law in of_joint)  # pyright: ignore[reportGeneralTypeIssues]
         for of_joint, *entries in zip(laws, *of_joints, strict=True)

@@ -94,7 +94,7 @@ def backbone(
 
     with F_1 the first harmonic of the laws' forces, 3 lambda_3 Y^3/4 for a cubic spring, and E the
     energy that their loops dissipate per cycle. Neglecting the higher harmonics causes a relative
-    error of 2e-5 to 2.5e-4 in Y at the paper's parameters.
+    error of 2e-5 to 2.5e-4 in Y for the joint of Teloli et al.
 
     For a `Structure` the result is the extended periodic motion of one of its modes, followed from
     the fully stuck joints. Its amplitude is the first harmonic X of the joint's displacement or,
@@ -322,7 +322,7 @@ def tone_at_phase(
 def _imbalance(
     joint: Joint, omega: Scalar, y_peak: Scalar, x: Float[Array, " unknown"]
 ) -> Complex[Array, " harmonic"]:
-    """Return the residual of harmonic balance over Y, for given higher harmonics over Y."""
+    """Return the residual of harmonic balance relative to Y, for given higher harmonics over Y."""
     real, imaginary = jnp.split(x, 2)
     higher = jax.lax.complex(real, imaginary)
     q = jnp.asarray(y_peak * jnp.concatenate([jnp.ones(1, complex), higher]))

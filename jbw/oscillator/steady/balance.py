@@ -189,13 +189,13 @@ def balance(
 
 
 def _loaded(load: Scalar, law: Law) -> Law:
-    """Return a law in the displacement unit of a part of the full load."""
+    """Return a law in units of the displacement under a fraction of the full load."""
     return law.scaled(load, 1.0)
 
 
 @balance.defjvp
 def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
-    """Return the derivative of the balance from R_q dq = -(dR along the parameters)."""
+    """Return the change dq of the solution for given parameter changes, from R_q dq = -dR."""
     joint, omega, start = primals
     packed, load = balance(joint, omega, start, max_turns)
     _, change = jax.jvp(

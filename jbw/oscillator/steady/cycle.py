@@ -68,8 +68,8 @@ def steady_state(  # pyright: ignore[reportInconsistentOverload]
 
     The even harmonics vanish because the joint is odd. Bouc-Wen's z is exact between its turning
     points, and its periodicity is solved for. The relative errors of (Y_1, Y_3) from the omitted
-    harmonics are 8e-6 and 3e-4 with 2 harmonics, 1e-6 and 3e-6 with 4, 4e-8 and 6e-8 with 8, at the
-    paper's parameters between 5 and 19 Hz.
+    harmonics are 8e-6 and 3e-4 with 2 harmonics, 1e-6 and 3e-6 with 4, 4e-8 and 6e-8 with 8, for
+    the joint of Teloli et al. between 5 and 19 Hz.
 
     Newton's iteration starts from the fully stuck joint; where it fails, the load is raised in
     steps. Where several periodic responses exist (a joint that softens faster than it dissipates)

@@ -34,7 +34,7 @@ def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Arra
 def synthesis(
     q: Complex[Array, " harmonic"], theta: Float[Array, "..."], derivative: int = 0
 ) -> Float[Array, "..."]:
-    r"""Return the motion or its m-th derivative by theta, Re sum (j n)^m q_n exp(j n theta)."""
+    r"""Return Re sum q_n exp(j n theta), or its m-th derivative with respect to theta."""
     basis = exponentials(theta, q.shape[0])
     return jnp.sum(basis * (1j * orders(q.shape[0])) ** derivative * q, -1).real
 

@@ -10,8 +10,8 @@ IN_FIRST_MODE = " in the first mode"
 
 
 def trying(law: str) -> str:
-    """Return the message that a law suiting the measured frequency and damping is tried."""
-    return f"Trying {law}, which suits how frequency and damping change with amplitude"
+    """Return the message that a law is fitted because the campaign states none."""
+    return f"The campaign states no law: fitting {law}"
 
 
 def chosen_by_fits(law: str, errors: Mapping[str, float], *, is_white: bool) -> str:

@@ -149,6 +149,15 @@ def keeps_stiffness(percent: float, low: float, high: float) -> str:
     return f"keeps {percent:.3g} % [{low:.3g}, {high:.3g}] of its stiffness"
 
 
+def of_unknown_mass(stiffness: str, interval: str, *, is_rotation: bool) -> str:
+    """Return the message on the stiffness of a stuck joint whose modal mass no test determines."""
+    mass, unit = ("inertia", "N m/rad") if is_rotation else ("mass", "N/m")
+    return (
+        f"The stiffness of the fully stuck joint is {stiffness} {interval} {unit}. These tests do "
+        f"not determine the modal {mass}: the parameters are those of 1 kg{' m^2' * is_rotation}."
+    )
+
+
 def no_change(what: str, interval: str) -> str:
     """Return the message that a quantity does not change beyond its interval."""
     return f"changes the {what} by less than its uncertainty ({interval})"
