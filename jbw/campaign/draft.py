@@ -69,7 +69,7 @@ NEWTON_METRES = {
     "i": 0.1129848,
 }  # units by their first letter
 SENSORS = "# sensitivity = "
-# If the centres of two bands have a smaller ratio, they are about the same spectral line.
+# Two bands lie around the same spectral line if the ratio of their centres is smaller than this.
 SAME_LINE = 1.25
 # Smallest height of a line that can be seen in a decay, relative to the strongest line.
 LEAST_HEIGHT = 0.02

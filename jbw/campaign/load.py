@@ -78,7 +78,7 @@ class Campaign:
     # Modes that move the joint; None for one mode. A mapping of its keys is also accepted.
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
-    joints: SeveralJoints | None = None  # joints of a structure with several; None for one joint
+    joints: SeveralJoints | None = None  # joints, if the structure has several; None for one joint
     states_laws: bool = True  # if False, measured frequency and damping may suggest further laws
 
     def __repr__(self) -> str:

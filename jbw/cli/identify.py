@@ -105,7 +105,7 @@ def demo(
     out: Path | None, seed: int, preset: str, figures: tuple[str, ...], strict: bool, json_: bool,
     verbose: bool,
 ) -> int:  # fmt: skip
-    """Measure the paper's cantilever on the virtual rig and identify it.
+    """Measure the cantilever of Teloli et al. on the virtual rig and identify it.
 
     The measurement has three assemblies on three days, with the noise of a laboratory. The records
     and their campaign file are written to OUT/campaign, the results to OUT. With --paper the

@@ -77,7 +77,8 @@ class Export:
     products: dict[str, float]  # products of this draw, which weak motion determines
     mass: float  # modal mass [kg]
     y_max: float  # largest displacement [m]
-    # Parameters of the whole joint, in the order of the file; if empty, those of one mode's joint.
+    # Parameters of the whole joint, in the order of the file; if empty, those of a one-mode
+    # oscillator's joint.
     quantities: tuple[Quantity, ...] = ()
     force_unit: str = "N"
     motion_unit: str = "m"  # unit of the displacement across the joint

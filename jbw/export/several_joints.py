@@ -356,7 +356,7 @@ def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
 def _parameters(
     draws: Draws, number: int, assembly: ModelJoints, laws: Laws
 ) -> Iterable[dict[str, Any]]:
-    """Yield the table rows of an export: the modes, then each joint's laws in both units."""
+    """Yield rows of the parameter table: modes, then each joint's laws in SI and matrix units."""
     for quantity in (*_modal(draws), *motion_factors_in(draws).values()):
         values = draws[quantity.name]
         row = parameter_row(SI, quantity.name, quantity.unit, float(values[number]), values)

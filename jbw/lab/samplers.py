@@ -282,7 +282,7 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
-    """Return the numbers of a posterior from the table of a quadrature, with its stated errors."""
+    """Return a posterior's numbers from the table of a quadrature, with the table's errors."""
     table = tree["exact"].to_dataset()
     error = float(tree.attrs["quadrature_error"])
     rows: dict[str, Row] = {}

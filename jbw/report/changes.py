@@ -31,7 +31,7 @@ from jbw.results.differences import ComparedQuantity, RunDifference, RunsSideByS
 RUNS = ("A", "B")
 LEAST = 1e-3  # Probabilities below this value, or above 1 minus this value, are stated as bounds.
 QUANTITIES = {"frequency": "frequency [Hz]", "damping": "damping ratio [%]"}
-LEVEL = 0.99  # probability of the band for a new reading of an unchanged joint
+LEVEL = 0.99  # probability of the band for a new record of an unchanged joint
 
 
 def parameters_table(record: RunDifference) -> Table:

@@ -36,7 +36,8 @@ GRID = np.linspace(0.05, 1.0, 20)
 # indices into GRID of the amplitudes that are reported: 10 % and 100 % of the largest
 TOLD = (1, 19)
 QUANTITIES = (("frequency", "Hz", 1.0), ("damping ratio", "%", 100.0))
-BY_CHANCE = 0.01  # The variation about a trend is reported if chance has a smaller probability.
+# The variation around a trend is reported if its probability by chance is smaller than this.
+BY_CHANCE = 0.01
 NUISANCE = {"gain"}  # parameters of the source, which do not affect frequency and damping
 
 
