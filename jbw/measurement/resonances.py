@@ -82,11 +82,14 @@ class Reading(NamedTuple):
     third: float = np.nan  # largest third harmonic of the displacement over the first
     frequency_sd: float = np.nan  # standard deviation of the frequency [Hz]
     damping_sd: float = np.nan
+    # Residual of the fit that gave the values; NaN if it is that of the linear oscillator.
+    residual: float = np.nan
 
     @property
     def holds(self) -> bool:
         """Whether the values are those of a dissipative oscillator that fits the measurement."""
-        return self.damping > 0.0 and not self.left > MISSED and bool(np.isfinite(self.y))
+        residual = self.left if np.isnan(self.residual) else self.residual
+        return self.damping > 0.0 and not residual > MISSED and bool(np.isfinite(self.y))
 
 
 class DrivenLines(NamedTuple):

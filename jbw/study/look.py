@@ -270,7 +270,7 @@ def _of_reading(read: ModeReading) -> RecordRead:
     sds = (np.sqrt(np.diag(x)) for x in (table.hz_covariance, table.zeta_covariance))
     columns = table.y, table.hz, table.zeta, *sds
     rows = tuple(
-        Reading(y, hz, zeta, read.linear_residual, np.nan, hz_sd, zeta_sd)
+        Reading(y, hz, zeta, read.linear_residual, np.nan, hz_sd, zeta_sd, read.residual)
         for y, hz, zeta, hz_sd, zeta_sd in zip(*(x.tolist() for x in columns), strict=True)
     )
     return RecordRead(rows, table)

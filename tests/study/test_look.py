@@ -282,6 +282,32 @@ def test_a_reading_holds_where_it_takes_energy_in_and_explains_the_response():
     assert Reading(1e-3, 20.0, 0.01).holds  # of a decay, that has been looked at already
     assert not Reading(1e-3, 20.0, -0.004, 0.1).holds
     assert not Reading(1e-3, 20.0, 0.01, 2.7).holds
+    assert Reading(1e-3, 20.0, 0.01, 0.7, residual=1e-3).holds  # of a strongly nonlinear decay
+    assert not Reading(1e-3, 20.0, 0.01, 0.7, residual=0.6).holds
+
+
+def test_a_decay_that_is_far_from_linear_is_read():
+    """Damping rises with the amplitude, a' = -k a^2, and the frequency falls by 15 %.
+
+    A linear oscillator misses more than half of it, which is no reason to leave it out.
+    """
+    t, k, start = np.arange(0.0, 6.0, 1 / FS), 13.0, 0.5
+    amplitude = start / (1 + start * k * t)
+    periods = 20.0 * (t - 0.15 * np.log1p(start * k * t) / (start * k))
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(len(t))
+    v = amplitude * np.cos(2 * np.pi * periods) + noise
+    record = Record(FS, {"velocity": v}, {"velocity": "m/s"})
+    decay = Test("decay", (record,), name="tap", band_hz=(10.0, 30.0))
+    found = look(Campaign("far", None, (decay,))).record
+    assert found.unread == {}
+    (row,) = found.tests
+    assert row.left > 0.5
+    # The displacement a / omega decays faster than a, as omega rises.
+    a = 2 * np.pi * row.frequency_hz * row.y
+    rise = 0.15 * a / start
+    expected = k * row.y * (1 + rise / (1 - rise))
+    assert row.damping == pytest.approx(expected, rel=0.02)  # a fifth of its 99 % interval
+    assert found.statements[0].startswith("Nonlinear: yes.")
 
 
 def test_what_stands_beside_the_readings_stops_nothing_either(monkeypatch):
