@@ -28,10 +28,6 @@ from jbw.report.messages import laws as messages
 AS_GOOD = 1.05
 
 
-# If the error of a fit from one start is larger by this factor, the law gets no further starts.
-NEAR = 2.0
-
-
 def candidates(read: Sequence[str]) -> tuple[str, ...]:
     """Return the laws to fit, in this order, given those that frequency and damping suggest.
 
@@ -59,8 +55,7 @@ class ChosenLaw(NamedTuple):
 def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> ChosenLaw:
     """Fit laws in turn until one leaves white residuals; choose it, or the one that fits best.
 
-    If no fit from one start leaves white residuals, the laws with the smaller errors get all
-    starts.
+    If no fit from one start leaves white residuals, each law gets all starts.
 
     Args:
         seen: Tests under any law.
@@ -72,8 +67,6 @@ def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> Ch
     errors: dict[str, float] = {}
     is_white = False
     for law, alone in [(law, True) for law in laws] + [(law, False) for law in laws]:
-        if not alone and errors.get(law, np.inf) > NEAR * min(errors.values(), default=np.inf):
-            continue
         report(messages.trying(law))
         tried = assemble(replace(seen, laws=(law,)))
         try:

@@ -29,11 +29,11 @@ from jbw.cli.progress import prepare_process
 prepare_process()
 from jbw.inference.samplers import chunked_run as growing
 from jbw.run import checkpoints
-from jbw.study import store as storage
+from jbw.report import figures, page
 
 growing.CHUNK_S, checkpoints.EVERY_S, checkpoints.COST = 0.02, 0.0, 1.0
-storage.draw_figures = lambda *_: None
-storage.write_page = lambda *of: of[2].write_text("page")
+figures.draw_figures = lambda *_: None
+page.write_page = lambda *of: of[2].write_text("page")
 death, count, write = os.environ.get("DEATH"), 0, checkpoints.write_whole
 
 def write_and_die(path, content):
