@@ -13,7 +13,7 @@ from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.message import FaultText
 
 PLACES = 60  # candidate places of a jump
-APART = 0.1  # smallest distance of the two places that are tried, over the record's length
+APART = 0.1  # smallest distance of the two tried times, relative to the record's length
 LOUD = 6.0  # noise amplitudes; a quieter envelope is not searched
 LEAST = 0.05  # smallest jump of ln a and the phase [rad] combined
 GREW = 0.2  # jump of ln a above which missing samples cannot be the cause

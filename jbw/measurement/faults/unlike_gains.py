@@ -1,4 +1,4 @@
-"""Tests and repeats whose ratio of response to drive differs from the others in sign or size."""
+"""Tests and repeats whose ratio of response to drive differs from others in sign or magnitude."""
 
 from collections.abc import Iterator, Sequence
 
@@ -64,7 +64,7 @@ def unlike(factor: float, source: str, test: str = "") -> FaultText:
 
 
 def _apart(misfit: Misfit) -> Iterator[Cause]:
-    """Yield the data group whose separately fitted gain is unlike the others' in sign or size."""
+    """Yield the data group whose own gain differs from the others' in sign or magnitude."""
     fits = {n: pair for n, s in misfit.spectra.items() if (pair := _alone(s)) is not None}
     missed = [label for label in misfit.missed if label in fits]
     if len(fits) < 2 or not missed:

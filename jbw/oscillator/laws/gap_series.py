@@ -101,7 +101,7 @@ class GapSeries(Law):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning if the prior includes gaps that never close, else None."""
+        """Return a warning if the prior includes gaps that never close."""
         return beyond_all_motion("gap", bounds["gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:

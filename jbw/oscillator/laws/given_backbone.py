@@ -66,7 +66,7 @@ class GivenBackbone(Masing):
         return dict(zip(self.names(), (self.scale_force, self.scale_displacement), strict=True))
 
     def stiffness(self) -> Scalar:
-        """Return the slope of the scaled curve at zero [1/s^2]."""
+        """Return the initial slope of the scaled force-displacement curve [1/s^2]."""
         return self.at_zero * self.scale_force / self.scale_displacement
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:

@@ -122,7 +122,7 @@ class KinkedSpring(Spring):
 
 
 class Quadratic(KinkedSpring):
-    r"""Stiffness that changes with the size of the displacement, $f(y) = c\,y|y|$ [N/kg].
+    r"""Stiffness that changes with the magnitude of the displacement, $f(y) = c\,y|y|$ [N/kg].
 
     Attributes:
         c: Quadratic stiffness, negative if it softens [1/(m s^2)].

@@ -73,7 +73,7 @@ def _kinked_step_jvp(primals, tangents):
 def _kinked(
     law: Law, z: Scalar, ends: Ends, quartic: Scalar
 ) -> tuple[tuple[Scalar, Scalar, Scalar], tuple[Slopes, ...]]:
-    """Return the force z at the end of a step, and the kinks' impulses over h and h^2, with slopes.
+    """Return force z at the end of a step, kink impulses divided by h and h^2, and all slopes.
 
     Under jit the derivatives are computed only if they are used.
     """

@@ -74,7 +74,7 @@ _OUT_OF_REACH = 1e3  # displacement [m] that stands for one which no motion reac
 
 
 def nothing_remembered(size: int = SIZE) -> Branch:
-    """Return the state before any motion, with room for `size` load reversals."""
+    """Return the state before any motion, with storage for `size` load reversals."""
     none = (0.0,) * size
     return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Stack(0.0, 0.0, 0.0, none, none))
 
