@@ -65,7 +65,7 @@ def level_that_holds(motion: EquivalentMotion, y: Values, omega: Values) -> Valu
 def base_gain(
     ratio: Complexes, omega: Values, participation: float = 1.0, shape: float = 1.0
 ) -> Complexes:
-    r"""Return the absolute acceleration of a point over the acceleration of the base.
+    r"""Return the ratio of a point's absolute acceleration to the acceleration of the base.
 
     $$\frac{a}{a_b} = 1 + \frac{p\,s\,\omega^2}{F_1/Z}$$
 
