@@ -245,7 +245,7 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
-    r"""Return each record's standard error from its own residual, over that in the common fit.
+    r"""Return each record's standard error from its own residual, relative to the common fit's.
 
     $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: the residual of one law for all records is
     misfit. Little of it remains for each record alone, and a larger fraction f of that is

@@ -36,7 +36,8 @@ from jbw.paper.objectives import kernel_energy
 from jbw.report.messages import paper_steps as messages
 
 NAMES = ("zeta", "alpha", "delta")
-# Half widths of the prior ranges of Teloli et al. over their centres: alpha in [424.31, 589.61] is
+# Half widths of the prior ranges of Teloli et al., divided by their centres: alpha in [424.31,
+# 589.61] is
 # 507 +- 16.3 %.
 PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
 SAMPLERS = {
