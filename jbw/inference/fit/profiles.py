@@ -80,7 +80,7 @@ class QuantityInformation:
 
     @property
     def relative(self) -> float:
-        """The standard deviation over the value; infinite at zero."""
+        """The standard deviation divided by the value; infinite at zero."""
         return self.sd / abs(self.value) if self.value else math.inf
 
 

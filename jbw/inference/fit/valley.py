@@ -43,7 +43,7 @@ class Floor(NamedTuple):
     Attributes:
         held: Index of the fixed parameter.
         points: All parameters, with the others at their optimum.
-        slopes: Derivatives of the others' optimum by the fixed parameter.
+        slopes: Derivatives of the others' optimum with respect to the fixed parameter.
         chi_square: Chi-square at the points.
         roots: Lower triangular roots of the others' covariance at the points.
     """
@@ -133,7 +133,7 @@ def along_valley(
 
 
 def _moments(floor: Floor, coordinate: Composed) -> tuple[float, float]:
-    r"""Return the mean and variance of $e^{-\chi^2(q) / 2}\,|\det|$ along the valley, at w = 0."""
+    r"""Return the mean and variance of q along the valley under $e^{-\chi^2(q) / 2}\,|\det|$."""
     size, knots = floor.points.shape[1], floor.points[:, floor.held]
     q = np.linspace(knots[0], knots[-1], NUM_POINTS)
     x = jnp.zeros((NUM_POINTS, size)).at[:, floor.held].set(jnp.asarray(q))
