@@ -504,7 +504,7 @@ def _fitted(
 
 
 def largest_share(harmonics: SweptHarmonics, order: int) -> tuple[float, float, float]:
-    """Return an order's largest harmonic relative to the largest fundamental, its noise, its [Hz].
+    """Return an order's largest harmonic relative to the fundamental, its noise and its frequency.
 
     The possible effect of the source's own harmonic is subtracted: the size of that harmonic times
     the largest ratio of response to source.

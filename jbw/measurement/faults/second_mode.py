@@ -39,7 +39,7 @@ APART = 0.05  # relative distance in frequency from which a mode is not the join
 
 
 class SecondMode(Hypothesis):
-    """A second mode: amplitude, phase, distance and damping; the last two per first mode's rate."""
+    """A second mode: amplitude, phase; distance and damping in damping rates of the first mode."""
 
     name = "second mode"
 

@@ -38,7 +38,7 @@ MOST = 0.5  # share of a record above which a part between gaps is kept rather t
 
 
 def stated_rate(fs: float) -> float:
-    """Return the round rate whose interval prints with the same digits; else the given rate.
+    """Return the round rate whose interval prints with the same digits, or the given rate if none.
 
     A file that states 0.000976562 s means 1024 Hz, and 1e-5 s is 100 kHz apart from round-off. An
     interval of fewer than six digits is exact: 0.0004096 s is 2441.40625 Hz.
@@ -117,7 +117,7 @@ def sampling_frequency(
 
 
 def coarse_rate(time: NDArray[np.number], factor: float = 1.0) -> float | None:
-    """Return the mean rate of times with too few digits to distinguish samples [Hz]; else None.
+    """Return the mean rate [Hz] of times if they have too few digits to distinguish samples.
 
     Such times repeat or skip a quantum, but lie within half a quantum of a line. The rate is
     rounded to the digits that the times support.

@@ -33,19 +33,21 @@ from jbw.measurement.readings.slow_flow import (
 
 BETA = 7.0  # shape of the Kaiser window that filters the band
 LAW_ERROR = 1e-3  # relative error of the model of a sound joint, from averaging and from the basis
-QUANTUM_NOISE = 0.02  # variance of quantisation over the square of half a converter step
+QUANTUM_NOISE = 0.02  # variance of quantisation, divided by the square of half a converter step
 # Share of the largest envelope from which a blow counts, as a later one may be stronger.
 FIRST_BLOW = 0.6
 QUADRATURE = 160  # number of amplitudes in the quadrature
 MOMENTS = 24  # even moments of the filter, which give its response to 1e-12 in its band
 FEWEST_POWERS = 14  # fewest values for a fit of a power of the amplitude
-WORTH_A_TERM = 0.9  # largest ratio of squares for which the next term of a basis is worth adding
+# largest ratio of the sums of squares with a further term of a basis and without it that keeps the
+# term
+WORTH_A_TERM = 0.9
 NO_MODEL = 1e3  # times the signal: value that stands for an invalid model
 FADED = 2.4  # half converter steps below which a converter without dither shows nothing
-QUIETEST = 0.3  # amplitude over the noise at which a decay ends
+QUIETEST = 0.3  # amplitude relative to the noise at which a decay ends
 LOUD = 4.0  # noise amplitudes, which noise alone exceeds in one of 10^7 values
 FEWEST_KEPT = 24
-LEAST_FALL = 1e-3  # smallest rate of fall of a decay's envelope, over `scale`
+LEAST_FALL = 1e-3  # smallest rate of fall of a decay's envelope, relative to `scale`
 # Gain of the filter above which lines are used for the noise, and their smallest number.
 HALF_GAIN, FEWEST_LINES = 0.5, 12
 SAFE = 1.15  # factor on a noise that is estimated from few lines
@@ -307,7 +309,7 @@ def _steepest(signal: DecaySignal) -> float:
 
 
 class _Flow(NamedTuple):
-    """A slow flow over log amplitude: rates, their parameter derivatives, and times [s]."""
+    """A slow flow against log amplitude: rates, their parameter derivatives, and times [s]."""
 
     signal: DecaySignal
     logs: Reals

@@ -128,7 +128,7 @@ def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
 
 
 def _rounding(text: str) -> float:
-    """Return half a unit of a number's last digit over that number; 0 if there is no number.
+    """Return half a unit of a number's last digit, divided by that number; 0 if there is no number.
 
     LabVIEW writes six decimals, of which zeros at the end may be missing.
     """
