@@ -383,6 +383,6 @@ def size_by_label(data: Dataset) -> dict[str, float]:
 
 
 def error_by_label(residuals: Mapping[str, Row], data: Dataset) -> dict[str, float]:
-    """Return the relative error of each data group: norm of its residual over that of its mean."""
+    """Return each data group's relative error: the norm of its residual divided by its mean's."""
     sizes = size_by_label(data)
     return {label: float(np.linalg.norm(residuals[label])) / size for label, size in sizes.items()}

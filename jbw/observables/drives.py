@@ -135,7 +135,7 @@ def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) 
 
 
 def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
-    """Return the gain of a drive if it is fixed, else None."""
+    """Return the gain of a drive if it is fixed; otherwise None."""
     value = (held or {}).get(named("gain", drive) if drive else "gain")
     return None if value is None else float(value)
 

@@ -118,7 +118,7 @@ class Loops(Observable):
 
 
 def secant(data: Loops) -> float:
-    """Return the stiffness of the stiffest loop: force over displacement, peak to peak [N/m].
+    """Return the stiffness of the stiffest loop: peak-to-peak force / displacement [N/m].
 
     If its stiffest cycle is more than twice as stiff, that is returned instead: a joint that wears
     or yields far is soft in its largest cycles.

@@ -1,4 +1,4 @@
-r"""The log likelihood of single records, and their size as the posterior draws predict it.
+r"""The log likelihood of single records, and their rms as the posterior draws predict it.
 
 The joint posterior integrates noise and offsets out. Given a draw of these too, records are
 independent, and the log likelihood of one record is
@@ -80,7 +80,7 @@ def records_of(
     noise: Mapping[str, Float[np.ndarray, " draw"]],
     data: Dataset,
 ) -> RecordTerms:
-    """Return the log likelihood and the predicted size of every record at every draw.
+    """Return the log likelihood and the predicted relative rms of every record at every draw.
 
     Args:
         key: Random key for the offsets, the noise, and the chi-square of the predicted sizes.
@@ -105,7 +105,7 @@ def records_of(
 
 
 def record_rows(part: Observable) -> RecordRows:
-    """Return the records of one dataset part, in the form of its residuals."""
+    """Return the records of one part of the dataset, arranged like that part's residuals."""
     groups, mean = part.groups, np.asarray(part.mean)[:, None]
     single = single_records(mean[:, 0], groups)
     is_record = single.num_repeats > 0
