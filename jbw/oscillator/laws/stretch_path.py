@@ -42,7 +42,7 @@ class StretchLaw(Protocol):
 
 
 def _way(c: Scalar, w: Scalar, nu: Scalar, gap: Scalar | None = None) -> Scalar:
-    r"""Return the displacement to a stretch w, $\int_0^w dt / (1 - c|t/\mathrm{1\,mm}|^\nu)$."""
+    r"""Return the travel that stretches a spring by w: $\int_0^w dt/(1-c|t/\mathrm{1mm}|^\nu)$."""
     return w + _lag(c, w, nu, 0, gap)
 
 
