@@ -160,7 +160,7 @@ class Wish:
 
 @dataclass(frozen=True)
 class Expected:
-    """The expected coefficient of variation of a parameter over the possible joints [-]."""
+    """The expected coefficient of variation of a parameter for the drawn joints [-]."""
 
     median: float  # value that half of the joints do not exceed
     worst_decile: float  # value that nine joints in ten do not exceed; compared with the wanted one
@@ -172,8 +172,8 @@ class CandidateRow:
 
     test: str  # description of the test
     level: float  # peak of the input [V, N or N/kg]
-    y_peak: float  # predicted peak displacement, median over joints [m]
-    y_peak_largest: float  # predicted peak displacement, the largest over joints [m]
+    y_peak: float  # predicted peak displacement, median of the drawn joints [m]
+    y_peak_largest: float  # predicted peak displacement, largest of the drawn joints [m]
     repeats: int | None  # number of repeats for the wanted accuracy; None if more than allowed
     seconds_each: float  # measuring time of one repeat [s]
     seconds: float | None  # measuring time of all repeats [s]
@@ -211,7 +211,7 @@ class MeasurementPlan:
     rows: tuple[CandidateRow, ...]
     combination: Combination  # tests that reach the wanted accuracy together
     wish: Wish
-    num_joints: int  # number of possible joints over which all numbers are taken
+    num_joints: int  # number of drawn joints from which all medians and deciles are taken
     before: dict[str, Expected]  # CV of each parameter before any of these tests
     notes: tuple[str, ...] = ()  # assumptions of the plan
 
