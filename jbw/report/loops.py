@@ -1,4 +1,4 @@
-"""The figures of hysteresis loops with their areas, and of frequency and damping over amplitude."""
+"""The figures of hysteresis loops with areas, and of frequency and damping against amplitude."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -171,7 +171,7 @@ def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
 
 
 def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
-    """Return the stretches of a displacement between its main turning points, as slices.
+    """Return the segments of a displacement between its main turning points, as slices.
 
     Turning points that differ by less than `least` of the whole range are ignored.
     """
