@@ -359,7 +359,7 @@ def _finite(value: Any) -> float | None:
 
 
 def _scatter(test: Test) -> float | None:
-    """Return the repeats' standard deviation over the rms of their mean; None if incomparable."""
+    """Return the repeats' standard deviation relative to their mean's rms; None if incomparable."""
     records = test.records
     sizes = {record.num_samples for record in records}
     if len(records) < 2 or len(sizes) > 1 or not (test.traits.is_transient):
@@ -583,7 +583,7 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
-    """Return whether differences between records depend on the "runs" or their "order", else ""."""
+    """Return "runs" or "order" if differences between records depend on it; empty otherwise."""
     count = len(offsets)
     groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
     if 1 < len(groups) < count:
