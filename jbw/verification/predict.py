@@ -45,7 +45,7 @@ class Request:
 
 
 def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
-    """Predict bands on a test of any kind, fitted by the run or not, from its posterior.
+    """Predict bands for a test from a run's posterior; the test may be of any kind, fitted or not.
 
     A test whose response is NaN throughout is a planned test.
 
@@ -170,7 +170,7 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 
 
 def _reach(basis: Basis, test: Test, request: Request) -> float:
-    """Return a test's largest displacement over the largest fitted one, from a few draws."""
+    """Return a test's largest displacement relative to the largest fitted one, from a few draws."""
     if route_of(test) is predict_decay:
         return 1.0  # Before the prediction, the displacement is unknown.
     gain = _gain_for(basis, test, request)
