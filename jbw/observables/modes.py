@@ -222,7 +222,7 @@ class ModesAtJoint(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
-        """Return log motions and couplings in standard deviations; also their log density."""
+        """Return log motions and couplings in sd, and their log density minus a uniform one's."""
         logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
         rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():
