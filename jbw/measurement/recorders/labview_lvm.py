@@ -1,17 +1,17 @@
 """NI LabVIEW measurement files (LVM).
 
 Files: .lvm, .txt
-Known by: the first line `LabVIEW Measurement`
+Recognised by: the first line `LabVIEW Measurement`
 Names: the line that begins with `X_Value`
 Units: `Y_Unit_Label`
 Rate: `Delta_X`, or the columns of times where `X_Columns` is `One` or `Multi`; where its digits
     leave the rate uncertain by more than 1e-4, as 0.000977 for 1024 Hz, the provenance says so
 Start: `X0`
-Rests on: the first sections of NI's page "Specification for the LabVIEW Measurement File (.lvm)";
+Based on: the first sections of NI's page "Specification for the LabVIEW Measurement File (.lvm)";
     lvm_read.py and the files short, with_comments, with_empty_fields, uneven_comments,
     no_decimal_separator and long_single_header_multi_ch of ladisk/lvm_read, whose layout the reader
     takes
-Never seen: special blocks within the data, of which the page's section was not opened; commas as
+Untested: special blocks within the data, of which the page's section was not opened; commas as
     separators
 """
 
