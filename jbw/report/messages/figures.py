@@ -14,7 +14,7 @@ BEFORE_SAMPLING = "from the fit, before sampling"
 OVER_PRIOR = "standard deviation over that of the prior [-]"
 
 ONE_MODE = "one mode, per unit mass"
-OVER_MODE = "|q / q of the mode| [-]"
+OVER_MODE = "|q of each mode / q of this mode| [-]"
 SLIP = "effect of slip on the joint's hysteretic force"
 
 STEP_3_PUBLISHED = "Step 3, random walk as published"

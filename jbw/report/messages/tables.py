@@ -41,7 +41,7 @@ COHERENCE = "lowest coherence of a test at the resonance"
 COHERENCE_NOTE = "near 1 if the records are long enough for the damping and free of noise"
 VARIATION_NOTE = "between repeats; compare it with the standard deviations of Table 1"
 HARMONIC = "largest third harmonic of the source"
-HARMONIC_NOTE = "of Y(3ω), removed with the measured input"
+HARMONIC_NOTE = "of Y(3ω); removed by means of the measured input"
 
 
 def rests_on(parameters: Sequence[str]) -> str:
