@@ -214,7 +214,7 @@ VARIABLES = {
         "repeats with the standard deviation between them [nats]"
     ),
     "conv": "running mean of the response's energy, conv(n)",
-    "extrapolation": "largest displacement over the largest fitted displacement",
+    "extrapolation": "largest displacement / largest fitted displacement",
     "line": (
         "RMS error of a linear oscillator fitted to the session, divided by the rms of the session"
     ),
