@@ -161,7 +161,7 @@ def leave_one_out(
 
 
 def _gained(best: Fit, piece: HeldOut, prior: Box) -> float:
-    """Return by how much chi-square of the other runs falls if one run is held out of the fit."""
+    """Return by how much the other runs' chi-square falls if one run is held out of the fit."""
     before = float(np.sum(residual_at(stacked, best.x, prior, piece.rest) ** 2))
     return max(before - 2 * piece.fit.cost, 0.0)
 
