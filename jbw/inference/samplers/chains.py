@@ -155,7 +155,7 @@ def evaluate_chains(
     problem: Problem,
     chain_method: str,
 ) -> Float[Array, "chain draw term"]:
-    """Evaluate the log likelihood's terms [nats] at draws `first` to `last`; others are zero."""
+    """Evaluate the log likelihood's terms [nats] at draws `first` to `last`; the rest are zero."""
 
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
         problem, first, last = shared
