@@ -41,7 +41,7 @@ class UnlikeGain(Hypothesis):
     name = "sign or gain"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield the test whose separately fitted gain is unlike the others', or a factor for each.
+        """Yield the test whose own gain differs from the others', or a factor for each test.
 
         A step from a fit that is far from all tests is unreliable.
         """
@@ -56,7 +56,7 @@ def _factor(label: str, spectrum: Spectrum) -> Suspect:
 
 
 def unlike(factor: float, source: str, test: str = "") -> FaultText:
-    """Return the text on a test or repeat whose gain is `factor` times that of the other ones."""
+    """Return the text on a test or repeat whose gain is `factor` times that of the other tests."""
     if abs(factor + 1) < TURNED:
         return messages.other_sign(source, test)
     unit = next((name for f, name in UNITS.items() if abs(abs(factor) / f - 1) < CLOSE), "")
