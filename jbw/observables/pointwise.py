@@ -32,7 +32,7 @@ SEED = "seed of the draw"
 
 
 class RecordRows(NamedTuple):
-    """The records of one part of the dataset, in the form of its residual, group by group.
+    """The records of one part of the dataset, arranged like its residuals, group by group.
 
     Attributes:
         group: Number of the group of each record within the part.
