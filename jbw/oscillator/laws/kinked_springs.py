@@ -185,7 +185,7 @@ class Stop(KinkedSpring):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning if the prior includes stops that the motion never reaches, else None."""
+        """Return a warning if the prior includes stops that the motion never reaches."""
         return beyond_all_motion("stop_gap", bounds["stop_gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:
