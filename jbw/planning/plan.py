@@ -65,7 +65,7 @@ class PlannedSweep:
 
 @dataclass(frozen=True)
 class PlannedTones:
-    """Steady tones, each in a record of its own."""
+    """Steady tones, each in a separate record."""
 
     level: float  # peak of the input [V, N or N/kg]
     frequencies_hz: tuple[float, ...]
