@@ -75,7 +75,7 @@ def recentred(
 def about_law(
     model: Shaped[np.ndarray, " draw *value"], others: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Shift draws to the law's own prediction, if there is one; return the other references."""
+    """Shift draws to the law's own prediction, if any; return them with the other predictions."""
     rest = {name: values for name, values in others.items() if name != LAW}
     return (recentred(model, others[LAW]) if LAW in others else model), rest
 
