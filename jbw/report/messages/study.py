@@ -70,7 +70,7 @@ def compliance(constant: str, unit: str) -> str:
 
 def no_shaker(test: str, why: str) -> str:
     """Return the message that a record does not show its shaker."""
-    return f"The shaker of test {test} is not identified. {why}"
+    return f"The shaker of test `{test}` is not identified. {why}"
 
 
 def identify_anew(folder: str) -> str:
