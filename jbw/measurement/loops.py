@@ -22,7 +22,8 @@ from jbw.measurement.channels import Reals, channel, passband, same_length, samp
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.harmonics import Tones, check_tones, sine_fit
 
-ROLL_OFF = 0.2  # width of the roll-off outside the band, over the frequency of the band's edge
+# width of the roll-off outside the band, relative to the frequency of the band's edge
+ROLL_OFF = 0.2
 ORDER = 64  # poles, enough for about thirty tones
 RECENT = 2048  # samples next to an end from which the continuation is predicted
 MOST_HARMONICS = 25  # harmonics of a mean cycle

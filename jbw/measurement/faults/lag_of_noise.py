@@ -76,7 +76,8 @@ def _away(
     if len(lines_away) < FEWEST:
         return None
     r = r[lines_away]
-    # The size of a single mode falls as 1 / (1 - r^2); with several modes the phase shows no lag.
+    # The magnitude of a single mode falls as 1 / (1 - r^2); with several modes the phase shows no
+    # lag.
     if np.std(np.log(np.abs(receptance[lines_away] * (1 - r**2)))) > ONE_MODE:
         return None
     phase = np.angle(receptance[lines_away] * np.where(r < 1, 1.0, -1.0))

@@ -69,7 +69,8 @@ def _apart(misfit: Misfit) -> Iterator[Cause]:
     missed = [label for label in misfit.missed if label in fits]
     if len(fits) < 2 or not missed:
         return
-    # Compare each gain with the median of the others, by sign and size. If there are only two, it
+    # Compare each gain with the median of the others in sign and magnitude. If there are only two,
+    # it
     # cannot be determined which is wrong.
     ratios = {
         label: gain / np.median([other for n, (other, _) in fits.items() if n != label])
