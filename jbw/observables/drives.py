@@ -93,7 +93,7 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
     """Return which of omega_n, zeta and gain the tests with one drive determine together.
 
-    Free motion determines stiffness over mass, a prescribed displacement the stiffness [N/m]:
+    Free motion determines stiffness / mass, a prescribed displacement the stiffness [N/m]:
     together they determine the modal mass, which neither determines alone.
     """
     informed = frozenset[str]().union(*(part.informs for part in parts))
