@@ -314,7 +314,8 @@ class BoucWenNu(Law):
         fixed = stop_gradient((self, steps))
 
         def toward(w: Array, last: Array, slope: Array) -> Array:
-            # Stretches converge over a period; in long slip, rounding makes the slope arbitrary.
+            # The spring's stretch converges within a period; in long slip, rounding makes the slope
+            # arbitrary.
             return w - (last - w) / (jnp.where(jnp.abs(slope) < 1.0, slope, 0.0) - 1.0)
 
         def newton(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
