@@ -30,7 +30,7 @@ from jbw.verification.in_time import responses_at
 # A planned test in the form of data for the model, and 1 for each measured value.
 Design = tuple[Dataset, Float[np.ndarray, " value"]]
 SUBSTEPS = 1  # One step per sample gives derivatives accurate to a few parts in a thousand.
-RELATIVE_STEP = 1e-5  # step of finite differences; their error is its square over the damping ratio
+RELATIVE_STEP = 1e-5  # step of finite differences; their error is its square / damping ratio
 NUM_PHASES = 256  # number of points of a period at which its peak is searched
 
 
