@@ -123,7 +123,7 @@ MODES = tuple(
     )
     for k, n in enumerate("₂₃₄₅", 2)
 )  # fmt: skip
-# Responses of every mode at further points, over the response at the first point.
+# Responses of every mode at further points, relative to the response at the first point.
 POINTS = tuple(
     tuple(
         Quantity(
