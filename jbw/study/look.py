@@ -72,7 +72,8 @@ MEANING = {
     "frequency_sd": "standard deviation of frequency",
     "damping_sd": "standard deviation of damping",
 }  # fmt: skip
-# Change of secant stiffness over equal cycles [share]; the test rig alone causes smaller changes.
+# Relative change of secant stiffness during equal cycles; the test rig alone causes smaller
+# changes.
 WORN = 0.02
 # Change relative to half width or damping; noise in a clear resonance causes smaller changes.
 CLEAR = 0.2
@@ -516,7 +517,7 @@ class Nonlinear(NamedTuple):
 
 
 def _worn(loop: StoredLoop) -> str | None:
-    """Return the sentence on a change of stiffness over equal cycles; None if it is small."""
+    """Return the sentence on a change of stiffness during equal cycles; None if it is small."""
     changes = {
         number: cycle.retained - 1
         for number, cycle in enumerate(loop.cycles, start=1)
