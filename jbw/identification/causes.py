@@ -51,7 +51,7 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
 
 
 def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
-    """Return the additional mode that explains most of a misfit, near given frequencies or not.
+    """Return the additional mode that explains most of a misfit, near given frequencies if any.
 
     `places` are the given frequencies [rad/s].
 

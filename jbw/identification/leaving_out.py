@@ -194,7 +194,7 @@ def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:
-    """Return the finding on whether the runs agree on one joint; its number is the largest |z|."""
+    """Return the finding on whether the runs agree on one joint, from the largest |change| / sd."""
     size = abs(left_out["z"])
     if size.isnull().all():
         return Finding("leave_one_out", "ok", {}, float("nan"), entry="leave_one_out.none")

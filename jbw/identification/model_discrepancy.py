@@ -718,5 +718,5 @@ def _square(row: Row) -> float:
 
 
 def _count(row: Row) -> int:
-    """Return the number of real values in a row."""
+    """Return the number of real values in a row; a complex value counts as two."""
     return len(row) * (2 if np.iscomplexobj(row) else 1)

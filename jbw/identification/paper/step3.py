@@ -148,7 +148,7 @@ def third_order_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample zeta, alpha and delta by (36) with NUTS, the original random walk, and a tuned one.
+    """Sample zeta, alpha and delta by Eq. (36) with NUTS, the original random walk, a tuned one.
 
     NUTS and the tuned walk use coordinates along the ridge alpha*delta, from wall to wall of the
     box, with the noise integrated out. The walk of Teloli et al. uses the box itself, with the
