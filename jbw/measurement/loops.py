@@ -203,7 +203,7 @@ def cycles_of(loop: ForcedLoop) -> list[Cycle]:
 
 
 def _between_passages(loop: ForcedLoop) -> list[Cycle]:
-    """Return the whole cycles of a loop, each over two passages of the middle."""
+    """Return the whole cycles of a loop, from a passage of the middle to the next but one."""
     crossings = passages(loop.displacement)
     return [_cycle(loop, *ends) for ends in zip(crossings[:-2:2], crossings[2::2], strict=False)]
 
@@ -275,7 +275,7 @@ def begins_unmoved(y: Reals) -> bool:
 
 
 def lopsided(loop: ForcedLoop) -> float:
-    r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$ at the turning points of all cycles.
+    r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$, F being both peak forces of a cycle.
 
     If a loop begins at y = 0, its force there is subtracted, since no joint exerts a force there.
     """

@@ -19,7 +19,7 @@ SMOOTHED = 0.02  # share of the values in the window that smooths the drive
 
 
 class DropOff(Hypothesis):
-    """The noise of a drive, where its amplitude falls to the noise at the resonance."""
+    """A drive whose amplitude falls to its noise at the resonance."""
 
     name = "drop-off of the drive"
 

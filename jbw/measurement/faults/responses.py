@@ -48,7 +48,7 @@ DECAYED = 0.9  # ratio of a decay's last quarter to its first: more is no decay
 def unsteady(
     record: Record, tones_hz: Sequence[float], settle: float, dwell: float | None
 ) -> Iterator[Fault]:
-    """Report tones, or steps of `dwell` seconds, not settled or with too small a third harmonic."""
+    """Report tones, or steps of `dwell` seconds, not settled or with a weak third harmonic."""
     y, role, fs = record.channels[record.response], record.response, record.fs
     fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
@@ -84,7 +84,7 @@ def _named(fitted: Sequence[Harmonics]) -> str:
 
 
 def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
-    """Report doubtful signs and units: the work -pi F Im Y must be positive, the phase fall."""
+    """Report doubtful signs or units: work -pi F Im Y that is not positive, or a rising phase."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
         yield refusal(role, *messages.few_lines(len(curve.freq_hz), FEWEST_LINES))

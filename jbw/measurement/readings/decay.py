@@ -54,7 +54,7 @@ SAFE = 1.15  # factor on a noise that is estimated from few lines
 
 
 class Jump(NamedTuple):
-    """A jump of a decay to another of its states: time [s], changes of ln a and of phase."""
+    """A jump of a decay from one state to another: time [s], changes of log amplitude and phase."""
 
     time_s: float
     growth: float
@@ -123,7 +123,7 @@ class DecaySignal:
         return np.abs(self.z)
 
     def first(self) -> tuple[float, float]:
-        """Return damping rate and frequency above the centre [rad/s] of the part above noise."""
+        """Return damping rate and frequency above the centre [rad/s] of the values above noise."""
         size = self.size
         loud = np.flatnonzero(size > max(0.1 * size[0], 3 * min(self.tail, 0.02 * size[0])))
         stop = max(int(loud[-1]) + 1 if loud.size else len(size), min(6, len(size)))

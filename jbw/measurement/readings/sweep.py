@@ -256,7 +256,7 @@ def _middle(values: Any) -> Any:
 
 
 def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
-    """Return the columns of a response delayed by a time [s], constant or given at every time."""
+    """Return response columns delayed by a lag [s], which is constant or given at every time."""
     return columns * np.exp(-1j * rate * lag_s)[:, None]
 
 

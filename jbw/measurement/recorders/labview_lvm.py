@@ -139,7 +139,7 @@ def _rounding(text: str) -> float:
 
 
 def _facts(lines: Sequence[str], mark: str = "\t") -> dict[str, list[str]]:
-    """Return the keys of a header, in lower case, and the fields after each."""
+    """Return the fields of each header line by its key, in lower case."""
     mark = mark if any(mark in line for line in lines) else ","
     parts = [[text.strip() for text in line.split(mark)] for line in lines]
     return {row[0].lower(): row[1:] for row in parts if row[0] and len(row) > 1}
