@@ -265,7 +265,7 @@ class ControlledPoints(Observable):
 
     @property
     def _force_of_test(self) -> Int[np.ndarray, " group"]:
-        """The number of the force's data group in the same test, or else the group's own."""
+        """The number of the data group of force in the same test; the group's own if none."""
         forces = {row.test: i for i, row in enumerate(self.rows) if row.quantity == "force"}
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 

@@ -57,7 +57,7 @@ def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
-    """Return the parts of the dataset that use a drive's own parameters ("" for the plain ones)."""
+    """Return the dataset parts that use a drive's own parameters ("" for those without a drive)."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
 
@@ -155,7 +155,7 @@ def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
 
 
 def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
-    """Return the steady harmonics of all dataset parts, scaled to a motion of 1 m, or None."""
+    """Return the steady harmonics of all dataset parts, scaled to a motion of 1 m; None if none."""
     lines_by_part = [
         part_lines for part in parts if (part_lines := part.shown().steady_lines()) is not None
     ]

@@ -72,7 +72,7 @@ class LineReading(KnownReading):
         return cls(spread, rms, mean=read, groups=groups, laws=laws)
 
     def predict(self, theta: Theta) -> Float[Array, "1 read"]:
-        """Predict Step 2's omega_n [rad/s], zeta, gain by (23), (39), averaged over amplitude."""
+        """Predict Step 2's omega_n [rad/s], zeta, gain by Eqs. (23), (39), amplitude averaged."""
         if self.solution is not None:
             return self.solution
         equivalent = _equivalent(oscillator_of(theta, self.laws), self.y_rms)
