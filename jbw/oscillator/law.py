@@ -345,15 +345,15 @@ class ScaledLaw(Law):
         return self.law.force(self.length * y, speed, memory) / (self.unit * self.length)
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Return the rate of the original law's internal state at the displacement l q."""
+        """Return the rate of the original law's internal state at the unscaled displacement l q."""
         return self.law.rate(self.length * y, self.length * v, memory)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the original law's internal state after a move of the displacement l q."""
+        """Return the original law's internal state after a move of the unscaled displacement."""
         return self.law.move(self.length * y, memory, self.length * dy)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the original law's loop at amplitude l Y, divided by kappa."""
+        """Return the original law's loop at the unscaled amplitude l Y, divided by kappa."""
         loop = self.law.loop(self.length * y_peak, omega * jnp.sqrt(self.unit))
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 

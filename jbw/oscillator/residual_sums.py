@@ -122,7 +122,7 @@ def _sums_jvp(substeps, primals, tangents):
 
 
 def _of_trajectory(substeps: int, task: _Task) -> Sums:
-    """Return the sums of residuals over the samples from stored states, which has derivatives."""
+    """Return the sums of residuals from stored states; unlike the time loop, differentiable."""
     compared = task.compared
     trajectory = solve(substeps, task.stepping, _at_rest(task))
     response = response_of(task.joint, compared.order, trajectory, task.force)[compared.first :]

@@ -50,7 +50,7 @@ _PERIODS = 4  # number of Newton steps that solve for the spring's stretch in th
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return, in small motion, stiffness loss / delta and damping / gamma, over (alpha Y)^nu.
+    r"""Return a weak loop's stiffness loss / delta and damping / gamma, divided by (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """
@@ -147,7 +147,7 @@ class BoucWenNu(Law):
         return 0.0
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the additional powers of length of parameters, which are stated at 1 mm."""
+        """Return the powers of length to add to the units of parameters stated at 1 mm."""
         names = ("nu_softening", "nu_opening", "nu_alpha_d", "nu_alpha_g")
         return dict.fromkeys(names, -self.nu)
 

@@ -91,7 +91,7 @@ def _kinked(
 
 
 def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
-    """Return the path of a step and its turning point, with z along it."""
+    """Return the path of a step, its turning point, and the hysteretic force z along it."""
     start, end, rise = ends
     turns = jnp.asarray(start * end < 0.0)
     path = barrier(hermite(*ends))

@@ -155,7 +155,7 @@ def _closing_place(y: Entries, count: Scalar) -> Scalar:
 
 
 def _mirrored(entries: Entries) -> Scalar:
-    """Return the displacement of a stack's second entry, mirrored about its first [m].
+    """Return the displacement of the second load reversal, mirrored about the first [m].
 
     The first branch after the virgin curve closes there.
     """

@@ -431,7 +431,7 @@ def _smooth(at: Begun, path: Path) -> End:
 
 
 def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
-    """Return a joint's effect on the modes in a step, and the step's end with the cusps' effect."""
+    """Return a joint's effect on the modes, and its step's end corrected for cusps of the force."""
     laws, none = at.kernel.laws, jnp.zeros_like(shift)
     if not laws:
         return Passed(none, none, none, none, none), end
