@@ -74,7 +74,7 @@ def population_model(
 def population_of_units(
     design: CovariateDesign, prior: Prior
 ) -> tuple[Float[Array, "unit d"], Float[Array, "d d"]]:
-    """Sample a population's parameters in NumPyro; return its units' means and the root of T.
+    """Sample a population's parameters in NumPyro; return units' means and the covariance's root.
 
     The sites are `line` (d, covariate), `tau`, `root` (the Cholesky root of the correlations) and,
     where a coordinate saturates, `u`.
