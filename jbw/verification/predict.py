@@ -159,7 +159,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """Return the model for predicting a test: among compared laws, by kind and amplitude."""
+    """Return the model that predicts a test: among compared laws, chosen by kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):
