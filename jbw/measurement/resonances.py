@@ -27,7 +27,7 @@ WIDE = 0.15  # half width of the band of the first fit, divided by the peak's fr
 HALF_WIDTHS = 6.0  # zeta omega_n to either side: lines of the later fits
 # Smallest number of lines of a time record and of points of a curve.
 LEAST_LINES, LEAST_POINTS = 12, 6
-ROUNDS = 3  # fits, each narrower about the resonance
+ROUNDS = 3  # number of fits, each in a narrower band about the resonance
 DRIVEN = 1e-2  # share of the source's largest line below which a line is not driven
 SWEPT = 5e-3  # share of the source's energy beyond either end of the sweep
 # Largest relative residual near the resonance for which the response is an oscillator's.

@@ -35,7 +35,7 @@ PLACES = np.linspace(0.03, 0.97, 16)  # shares of the response's weighted amplit
 SCANNED = 12  # scanned places between two of these
 QUIET = 0.4  # share of the largest motion below which the lag is determined without the joint
 FEWEST, FAINT = 24, 1e-6  # smallest number of values of that part; weight of the others
-OF_CYCLE = 0.125  # largest lag of a loop that is tried, of a cycle
+OF_CYCLE = 0.125  # largest lag of a loop that is tried, as a share of a cycle
 ALIKE = 0.5  # relative difference between the delay of that part and of the record; 0.06 if true
 
 

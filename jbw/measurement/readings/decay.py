@@ -39,8 +39,7 @@ FIRST_BLOW = 0.6
 QUADRATURE = 160  # number of amplitudes in the quadrature
 MOMENTS = 24  # even moments of the filter, which give its response to 1e-12 in its band
 FEWEST_POWERS = 14  # fewest values for a fit of a power of the amplitude
-# largest ratio of the sums of squares with a further term of a basis and without it that keeps the
-# term
+# A further term of a basis is kept if it reduces the sum of squares to this share or less.
 WORTH_A_TERM = 0.9
 NO_MODEL = 1e3  # times the signal: value that stands for an invalid model
 FADED = 2.4  # half converter steps below which a converter without dither shows nothing

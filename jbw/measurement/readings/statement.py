@@ -23,7 +23,7 @@ from scipy.special import chdtrc, erfc, fdtrc
 from jbw.measurement.channels import Reals
 from jbw.measurement.resonances import AmplitudeCurve
 
-ROWS = 4  # used per record, because its table is that smooth
+ROWS = 4  # number of values used per record, whose table is so smooth that more add nothing
 EXPONENTS = np.round(np.concatenate([np.arange(-1.2, 0.0, 0.1), np.arange(0.1, 4.01, 0.05)]), 3)
 INSIDE = 6.63  # limit on 2 ln of the likelihood for the 99 % interval of one parameter
 # Probabilities below which records or values are reported to differ.
@@ -32,7 +32,7 @@ RECORDS, AMPLITUDE = 1e-3, 1e-4
 SPREADS = np.geomspace(1e-7, 1.0, 141)
 # ratio of largest to smallest amplitude: a smaller one shows no effect of amplitude
 LEAST_RANGE = 1.2
-# Smallest change: relative to zeta for a frequency, relative for zeta.
+# Smallest relative change: of a frequency in multiples of zeta, of zeta as it is.
 LEAST = {"hz": 3e-3, "zeta": 5e-3}
 SURE = 3.5  # standard deviations by which a turning frequency falls and rises again
 CERTAIN = 2.576  # standard deviations of a 99 % interval

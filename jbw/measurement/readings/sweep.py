@@ -35,8 +35,7 @@ from jbw.measurement.readings.slow_flow import (
 LAW_ERROR = 3e-3  # relative error of the model of a sound joint, from averaging and from the basis
 SOLVE: Any = vars(lapack)["ztbtrs"]  # solves a triangular band; SciPy's stubs do not list it
 DRIVEN = 0.2  # share of the drive's largest amplitude below which nothing is driven
-# largest ratio of the sums of squares with a further term of a basis and without it that keeps the
-# term
+# A further term of a basis is kept if it reduces the sum of squares to this share or less.
 WORTH_A_TERM = 0.9
 CLEAR = 30.0  # noise amplitudes: the filter follows the measured amplitude above, the model's below
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of modes outside the band
