@@ -97,7 +97,7 @@ class PlannedTones:
 class PlannedBackbone:
     """Points at phase resonance with a controlled amplitude, for several amplitudes in turn."""
 
-    level: float  # largest peak of the input, median over the joints [V, N or N/kg]
+    level: float  # largest peak of the input, median of the drawn joints [V, N or N/kg]
     amplitudes: tuple[float, ...]  # amplitudes of the displacement [m]
     dwell: float  # time on each step [s]
     settle: float  # first part of the dwell, in which the controller locks [s]
@@ -178,7 +178,8 @@ class CandidateRow:
     seconds_each: float  # measuring time of one repeat [s]
     seconds: float | None  # measuring time of all repeats [s]
     cv: dict[str, Expected]  # CV of each parameter after these repeats, or after the allowed number
-    information_gain: float  # expected information gain of one repeat, mean over joints [nats]
+    # expected information gain of one repeat, mean of the drawn joints [nats]
+    information_gain: float
     status: str
     # reasons against the test, and parameters that it does not determine
     notes: tuple[str, ...] = ()
