@@ -318,7 +318,7 @@ def _table(
 
 
 def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: Any) -> float:
-    """Write one line on the brief, shortened to the page's width; return the next position."""
+    """Write one line on the brief, shortened to the page's width; return the next height."""
     size = float(look.get("size", USUAL["size"]))
     shortened = _shortened(text, ROOM - indent, size, str(look.get("weight", "normal")))
     _put(figure, MARGIN + indent, top, shortened, **look)
