@@ -32,7 +32,7 @@ RECORDS, AMPLITUDE = 1e-3, 1e-4
 SPREADS = np.geomspace(1e-7, 1.0, 141)
 # ratio of largest to smallest amplitude: a smaller one shows no effect of amplitude
 LEAST_RANGE = 1.2
-# Smallest relative change: of a frequency in multiples of zeta, of zeta as it is.
+# Smallest change that counts: of a frequency, relative and divided by zeta; of zeta, relative.
 LEAST = {"hz": 3e-3, "zeta": 5e-3}
 SURE = 3.5  # standard deviations by which a turning frequency falls and rises again
 CERTAIN = 2.576  # standard deviations of a 99 % interval
