@@ -190,7 +190,7 @@ def _blocks(size: int) -> Iterator[tuple[int, int]]:
 
 
 def _matrix(place: Reals, size: int) -> scipy.sparse.csr_array:
-    """Return the kernel matrix from values of unit distance (columns) to places (rows)."""
+    """Return the matrix that interpolates values at unit distance (columns) to places (rows)."""
     nearest = np.floor(place).astype(int)
     columns = nearest[:, None] + np.arange(1 - REACH, REACH + 1)
     inside = (columns >= 0) & (columns < size)

@@ -211,7 +211,7 @@ def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOP
 
 
 def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
-    """Return the quantum (last printed digit) of every time, for fixed decimals and fixed digits.
+    """Return the step of every time's last printed digit, for fixed decimals and fixed digits.
 
     `%.6f` writes the same number of decimals everywhere; `%.7g` writes 9.876953 and 10.00195, so
     that later times are rounded more. Times of a binary file have the resolution of their type.
