@@ -149,7 +149,7 @@ def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
 
 
 def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Scalar:
-    """Return the derivative of the displacement with respect to q, finite even near the limit."""
+    """Return d(displacement) / dq for w = L (1 - e^-q); it is finite even near the limit L."""
     gap = jnp.maximum(_gap(q, c, nu, most), 1e-300)
     lost = c * power(-scale * jnp.expm1(-q) / REFERENCE, nu)
     near = gap < _POLE
