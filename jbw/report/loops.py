@@ -45,7 +45,7 @@ class Areas(NamedTuple):
 
 
 def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
-    """Return a test's loop areas (with viscous force for `_viscous`); None if they are missing."""
+    """Return a test's loop areas (suffix `_viscous`: with viscous force); None if missing."""
     names = (f"measured_area{ending}", f"model_area{ending}")
     if any(name not in test for name in names):
         return None
