@@ -14,7 +14,7 @@ from jbw.measurement.recorders import modules
 
 PAGE = Path(__file__).parent / "howto" / "recorders.md"
 BEGIN, END = "<!-- recorders -->\n", "<!-- end of recorders -->\n"
-FACTS = ("Files", "Known by", "Names", "Units", "Rate", "Start", "Rests on", "Never seen")
+FACTS = ("Files", "Recognised by", "Names", "Units", "Rate", "Start", "Based on", "Untested")
 
 
 def facts_of(text: str) -> dict[str, str]:

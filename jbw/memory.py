@@ -63,7 +63,7 @@ def most_memory() -> float:
 
 @dataclass(frozen=True)
 class HeldRecords:
-    """The sizes of the records that are read so far.
+    """Numbers of samples and bytes of the records that are read so far.
 
     Attributes:
         values: Number of samples of all channels.
@@ -81,11 +81,11 @@ class HeldRecords:
     finished: int = 0
 
     def begun(self, size: int) -> "HeldRecords":
-        """Return the sizes at the start of a new test with `size` modes and joints."""
+        """Return the numbers at the start of a new test with `size` modes and joints."""
         return HeldRecords(self.values, self.largest, 0, size, self.of_tests)
 
     def beside(self, samples: int, channels: int) -> "HeldRecords":
-        """Return the sizes with one more record of the present test."""
+        """Return the numbers with one more record of the present test."""
         return replace(
             self,
             values=self.values + samples * channels,

@@ -42,7 +42,7 @@ class Quantity(NamedTuple):
 
 
 def must_be(quantity: Quantity, value: float) -> str | None:
-    """Return the condition on a quantity, in words, that a too small value violates; else None."""
+    """Return the condition, in words, that a too small value of a quantity violates, if it does."""
     least = quantity.least
     if least is None or value > least or (value == least and not quantity.is_open):
         return None
@@ -123,7 +123,7 @@ MODES = tuple(
     )
     for k, n in enumerate("₂₃₄₅", 2)
 )  # fmt: skip
-# Responses of every mode at further points, over the response at the first point.
+# Responses of every mode at further points, relative to the response at the first point.
 POINTS = tuple(
     tuple(
         Quantity(
@@ -194,7 +194,7 @@ def per(unit: str, source: str) -> str:
 
 
 def gain_unit(source: str) -> str:
-    """Return the unit of the gain of a source: force per unit modal mass over the source's unit.
+    """Return the unit of a source's gain: force per unit modal mass, divided by the source's unit.
 
     For a force in N the gain is one over the modal mass; for a force per mass it is the number 1.
     """
@@ -259,11 +259,11 @@ _LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def motion_factor(mode: int, joint: str) -> Quantity:
-    """Return the quantity: motion of a joint in a mode, relative to that of the model."""
+    """Return the quantity for a joint's motion in a mode, divided by that in the model."""
     number = str(mode).translate(_LOWERED)
     return Quantity(
         name_at(f"{MOTION_FACTOR}_{mode}", joint), f"f{number} {joint}", "1",
-        f"motion of {joint} in mode {mode} over that of the matrices", 0.0, is_open=True,
+        f"motion of {joint} in mode {mode} relative to that of the matrices", 0.0, is_open=True,
     )  # fmt: skip
 
 

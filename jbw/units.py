@@ -170,7 +170,7 @@ def _plain(unit: str) -> str:
 
 
 def _word(word: str) -> str:
-    """Return the symbol for a word in a compound if there is one, else the word."""
+    """Return the symbol for a word in a compound unit, or the word if it has none."""
     symbol = WORDS.get(word.lower(), "") if len(word) > 2 else SYMBOLS.get(word, "")
     return symbol if symbol and re.fullmatch("[A-Za-z]+", symbol) else word
 
@@ -180,7 +180,7 @@ def _in_table(unit: str) -> bool:
 
 
 def _same_in_table(unit: str) -> str:
-    """Return the table's unit equal to a compound in dimensions and factor; empty if none.
+    """Return the unit in the table that equals a compound unit; empty if there is none.
 
     `m/s/s` and `m s^-2` are `m/s^2`; a unit per force or mass is a ratio, which no table contains.
     """

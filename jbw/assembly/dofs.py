@@ -40,7 +40,7 @@ class Dof(NamedTuple):
 
 
 def dof_of(node: object, direction: object) -> Dof:
-    """Return a degree of freedom from a node and a direction, as numbers or names of a file.
+    """Return a degree of freedom from node and direction, given as numbers or as a file's names.
 
     Raises:
         DataError: There is no such direction.

@@ -147,7 +147,7 @@ def _value(line: str, key: str, answer: str) -> str:
 
 
 def _of(line: str, role: str, answer: str) -> str:
-    """Return a line with the unit or channel of one quantity replaced, other doubts unchanged."""
+    """Return a line with one quantity's unit or channel replaced; keep its other marks of doubt."""
     match = LINE.match(line)
     body, why = (line, "") if match is None else (line.partition("  # CHECK: ")[0], match["why"])
     key, _, value = body.partition(" = ")

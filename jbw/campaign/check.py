@@ -230,7 +230,7 @@ def _checked_test(
 
 
 def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
-    """Return the name of a repeat and the gain fitted to it if it is a sweep; else nothing."""
+    """Return the name of a repeat and the gain fitted to it if it is a sweep; otherwise nothing."""
     driven = any(role in record.channels for role in INPUTS)
     if not (test.traits.is_transient and driven):
         return []

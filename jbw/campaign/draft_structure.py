@@ -25,7 +25,7 @@ MatrixFiles = str | dict[str, str]  # file or files in the form that [structure]
 
 
 def model_files(files: Sequence[Path]) -> tuple[MatrixFiles, Sequence[Path]] | None:
-    """Return the files of one model, with mass and stiffness in one file or separate; else None.
+    """Return the files of one model, mass and stiffness in one file or separate; empty if none.
 
     Matrices in separate files are recognised by the names of the files, and the tables of degrees
     of freedom and of nodes next to them by their columns.

@@ -11,7 +11,7 @@ WEIGHTLESS = {*FED, BASE}  # sources whose gain does not follow from a modal mas
 
 
 def force_per_unit(campaign: Any) -> Gain:  # Campaign as checked, or with its records
-    """Return the force per modal mass for one unit of input [1/kg, or N/kg/V], or None.
+    """Return the force per modal mass for one unit of input [1/kg or N/kg/V]; None if unknown.
 
     If a measured force drives some tests and a shaker's voltage or current others, the gains are
     given by drive. A mass does not determine the gain of a voltage or current, nor that of a moving

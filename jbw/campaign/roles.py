@@ -171,7 +171,7 @@ def _fits(role: str, unit: str) -> bool:
 
 
 def _behind(text: str, role: str) -> str:
-    """Return the unit at the end of a name such as `disp_mm` or `frequency_Hz`, else ""."""
+    """Return the unit at the end of a name such as `disp_mm` or `frequency_Hz`; empty if none."""
     for mark in range(len(text)):
         if text[mark] != "_" or mark == 0:
             continue

@@ -29,7 +29,7 @@ LINE = re.compile(r"`((\w+) = [^`]+)`")
 # Keys that only affect the examination and leave the samples unchanged.
 STATED = {"settle", "band", "delay", "load_cell"}
 OR = ", or "  # text that separates the alternatives of a remedy
-# Largest difference of two modes: of the damping, relative; of the frequency, over the half-power
+# Largest relative difference of two modes' damping, or difference of their frequencies / half-power
 # width. Correct remedies of simulated faults give less than 0.13, wrong remedies 0.18 or more.
 ALIKE = 0.15
 

@@ -53,7 +53,7 @@ def explained(name: str) -> str | None:
 
 
 def at_joint(name: str) -> str | None:
-    """Return the meaning of a parameter of one of several joints, as alpha@bolt_1; else None."""
+    """Return the meaning of one of several joints' parameters, as alpha@bolt_1; None if unknown."""
     from jbw.quantities import AT, motion_factors_in
 
     parameter, _, joint = name.partition(AT)

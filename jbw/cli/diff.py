@@ -21,7 +21,7 @@ finished_run = click.Path(exists=True, file_okay=False, path_type=Path)
 def diff(
     first: Path, second: Path, further: tuple[Path, ...], figure: Path | None, json_: bool
 ) -> None:
-    """Compare two or more finished runs: A and B after other assemblies, torques or days.
+    """Compare two or more finished runs, such as A and B at different assemblies, torques or days.
 
     The comparison includes every parameter and product that both runs have, and frequency and
     damping at amplitudes that both runs fitted: both 99 % intervals, the difference, and the

@@ -139,7 +139,7 @@ def _write(
 def _bands(
     pooling: "Population", torque: float | None, new: Callable[[float | None], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return torques, or the positions of the units if no trend is known, and new units there."""
+    """Return torques (positions of the units if no trend is known), and new units there."""
     torques = np.array(pooling.result.torque, float)
     if "torque" not in pooling.design.columns:
         return np.array([0.5, len(torques) + 0.5]), np.stack([new(None)] * 2, axis=1)

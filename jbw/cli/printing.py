@@ -93,7 +93,7 @@ def verdict_lines(verdict: "StoredVerdict", *, passed: bool = False) -> Iterator
 
 
 def exit_code_of(status: str, *, strict: bool = False) -> int:
-    """Return 0 if the status is ok or usable, else 4; with `strict`, 4 unless it is ok."""
+    """Return 0 if the status is ok or usable and 4 otherwise; with `strict`, 4 unless it is ok."""
     return 0 if status == "ok" or (status == "usable" and not strict) else NOT_TRUSTED
 
 

@@ -87,7 +87,7 @@ class Resonance:
 
     @property
     def quality(self) -> Values:
-        """The quality factor Q, peak frequency over half-power width; NaN if the curve folds."""
+        """The quality factor Q: peak frequency / half-power width; NaN if the curve folds."""
         return self.peak.omega / self.width
 
 

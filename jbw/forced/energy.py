@@ -69,7 +69,7 @@ def rule(count: int) -> Rule:
 
 
 def cycles(motion: EquivalentMotion, y: Values) -> Cycles:
-    """Return energy, action, period and mean squares at amplitudes y of shape (draw, any) [m]."""
+    """Return energy, action, period and mean squares of motion at amplitudes y (draw, any) [m]."""
     phases = rule(PHASES)
     angle = 0.5 * np.pi * phases.nodes
     draw = np.repeat(np.arange(y.shape[0]), y.shape[1])

@@ -80,7 +80,7 @@ class EquivalentMotion:
 
     @property
     def feels_rate(self) -> bool:
-        """Whether the force of a law depends on the size of the velocity."""
+        """Whether the force of a law depends on the magnitude of the velocity."""
         return any(law.feels_rate for law in self.joint.laws)
 
     def values(self, y: Values, omega: Values) -> tuple[Values, Values]:

@@ -44,7 +44,7 @@ class RandomProfile:
 
     @property
     def rms(self) -> float:
-        """The overall rms of the profile, in the root of (unit of the density times Hz)."""
+        """The overall rms of the profile, in the square root of the density's unit times Hz."""
         log_f, log_g = np.log(self.freq_hz), np.log(self.density)
         power = np.diff(log_g) / np.diff(log_f) + 1.0
         rise = power * np.diff(log_f)

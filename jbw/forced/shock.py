@@ -16,7 +16,7 @@ SAMPLES = 400  # samples of a pulse; linear interpolation loses 5e-6 of a half-s
 PER_CYCLE = 64  # smallest number of samples per cycle of the mode
 # Cycles of the mode after the pulse, in which an oscillator of Q = 10 has responded to 5e-4.
 CYCLES = 24
-RAMP = 0.1  # duration of a trapezoid's rise, and of its fall, over that of the pulse
+RAMP = 0.1  # duration of a trapezoid's rise, and of its fall, divided by that of the pulse
 
 SHAPES: dict[str, Callable[[Values], Values]] = {
     "half-sine": lambda x: np.sin(np.pi * x),
@@ -98,17 +98,20 @@ def pulse_of(text: str, fs: float = 0.0) -> Pulse:
     match = [re.fullmatch(r"([-+.\deE]+?)\s*([A-Za-z].*)", part) for part in parts[:2]]
     units = [measured(plain(found[2])) if found else None for found in match]
     second = measured("s")
-    if len(parts) not in (2, 3) or None in units or not second or units[1][1] != second[1]:  # pyright: ignore[reportOptionalSubscript]
+    # pyright: ignore[reportOptionalSubscript]
+    if len(parts) not in (2, 3) or None in units or not second or units[1][1] != second[1]:
         raise ConfigError(
             f"A shock must state its peak and its duration with units, but is {text!r}.",
             remedy="Write it as `20g,11ms`, or with its shape as `20g,11ms,sawtooth`.",
         )
     values = [_number(found[1], text) for found in match if found]
     unit = next(
-        (name for name in ("m/s^2", "N", "V") if measured(name)[1] == units[0][1]),  # pyright: ignore[reportOptionalSubscript]
+        # pyright: ignore[reportOptionalSubscript]
+        (name for name in ("m/s^2", "N", "V") if measured(name)[1] == units[0][1]),
         plain(match[0][2]),  # pyright: ignore[reportOptionalSubscript]
     )
-    peak, duration = (value * factor[0] for value, factor in zip(values, units, strict=True))  # pyright: ignore[reportOptionalSubscript]
+    # pyright: ignore[reportOptionalSubscript]
+    peak, duration = (value * factor[0] for value, factor in zip(values, units, strict=True))
     return classical_pulse(peak, duration, unit, *parts[2:], fs=fs)
 
 

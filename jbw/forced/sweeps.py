@@ -48,13 +48,13 @@ def swept(motion: EquivalentMotion, peak: Peaks, omega: Values, *, upward: bool)
 
 
 def held_ratio(motion: EquivalentMotion, y: Values, omega: Values) -> Complexes:
-    """Return the complex ratio of force to displacement amplitude y at omega [1/s^2]."""
+    """Return the complex ratio force / displacement at amplitude y and omega [1/s^2]."""
     stiffness, loss = motion.values(y, omega)
     return stiffness - omega**2 + 1j * (wide(motion.viscous, y) * omega + loss)
 
 
 def level_that_holds(motion: EquivalentMotion, y: Values, omega: Values) -> Values:
-    """Return the force amplitude [N/kg] under which the displacement amplitude is y at omega.
+    """Return the force amplitude [N/kg] that holds the displacement amplitude y at omega.
 
     This is response control, or notching: where a sweep's level is larger, it is lowered to this
     one.
@@ -65,7 +65,7 @@ def level_that_holds(motion: EquivalentMotion, y: Values, omega: Values) -> Valu
 def base_gain(
     ratio: Complexes, omega: Values, participation: float = 1.0, shape: float = 1.0
 ) -> Complexes:
-    r"""Return the absolute acceleration of a point over the acceleration of the base.
+    r"""Return the ratio of a point's absolute acceleration to the acceleration of the base.
 
     $$\frac{a}{a_b} = 1 + \frac{p\,s\,\omega^2}{F_1/Z}$$
 

@@ -1,4 +1,4 @@
-"""Tables of equivalent stiffness and loss over amplitude, which make searches fast."""
+"""Tables of equivalent stiffness and loss against amplitude, which make searches fast."""
 
 from dataclasses import dataclass
 

@@ -52,7 +52,7 @@ class FreeLawKey(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The name of this combination as a law of jbw."""
+        """The name of this prior and its springs, joined by plus signs, as a law of jbw."""
         return " + ".join([NAMES.get(self.prior, self.prior), *self.terms])
 
 

@@ -64,7 +64,7 @@ class GapSliders:
         return self.offset + self.stiffness * motion + columns @ self.strengths[used]
 
     def errors(self, loop: ForcedLoop) -> tuple[float, float]:
-        """Return a loop's relative rms error of the force, without and with its own offset.
+        """Return a loop's relative rms error of the force, without and with a constant force.
 
         The offset is a constant force of the loop, as from the zero error of an amplifier.
         """

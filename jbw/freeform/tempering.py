@@ -27,10 +27,10 @@ KEPT = 8  # number of moves on the posterior after which every particle is store
 TARGET_ESS = 0.5  # part of the particles that still counts after a step of the temperature
 MOVES = 2  # number of trajectories at every temperature
 STEPS = 8  # number of steps of each trajectory
-JITTER = 0.2  # relative variation of a step's size
+JITTER = 0.2  # relative variation of a step's length
 TARGET_ACCEPT = 0.8
-GAIN = 0.5  # gain by which the step size follows the accepted part of trajectories
-FIRST_STEP = 0.3  # size of the first step, in units of the particles' standard deviations
+GAIN = 0.5  # gain by which the step length follows the accepted part of trajectories
+FIRST_STEP = 0.3  # length of the first step, in units of the particles' standard deviations
 # part of the prior's variance that is added, since equal particles have no covariance
 NUGGET = 1e-6
 MOST_TEMPERATURES = 500
@@ -92,7 +92,7 @@ def temper(
         slopes = np.nan_to_num(slopes * sd, posinf=0.0, neginf=0.0)
         return _Swarm(z, np.where(np.isfinite(value), value, IMPOSSIBLE), slopes)
 
-    # Far outside the prior, strengths overflow: such parameters count as impossible.
+    # Far outside the prior, strengths overflow: such parameters get zero density.
     with np.errstate(all="ignore"):
         return _tempered(density, mean, sd, rng, num_particles)
 

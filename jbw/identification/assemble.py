@@ -271,7 +271,7 @@ def _reducible(seen: Measured) -> list[Test]:
 def reading_of(
     linear: LinearStep, gain: float | None = None, laws: tuple[str, ...] = DEFAULT_LAWS
 ) -> LineReading:
-    """Return the line fit of Step 2 as a likelihood term, with its gain in the campaign's units."""
+    """Return Step 2's line fit as a likelihood term, with its gain in the campaign's units."""
     scale = np.array([1.0, 1.0, gain or 1.0])
     covariance = linear.pooled.covariance * np.outer(scale, scale)
     run = run_of(linear.test)

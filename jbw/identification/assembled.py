@@ -214,7 +214,7 @@ def passes(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
-    """Return the model's gain of the first mode [1/kg] if a force is measured, else None."""
+    """Return the model's gain of the first mode [1/kg] if a force is measured; otherwise None."""
     driven = [test for test in tests if not test.traits.is_free]
     if modes is None or modes.meet != ASSEMBLED or not driven or drive_of(driven[0]) in FED:
         return None

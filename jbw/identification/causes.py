@@ -51,7 +51,7 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
 
 
 def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
-    """Return the additional mode that explains most of a misfit, near given frequencies or not.
+    """Return the additional mode that explains most of a misfit, near given frequencies if any.
 
     `places` are the given frequencies [rad/s].
 
@@ -93,7 +93,7 @@ def _misfit(best: Fit, data: Dataset) -> Misfit:
 
 
 def cause_finding(found: Sequence[Cause]) -> Finding | None:
-    """Return the finding on the first cause if it explains most of the misfit; else None."""
+    """Return the finding on the first cause if it explains most of the misfit; otherwise None."""
     if not found or found[0].explained < MOSTLY:
         return None
     text, share = found[0].text, found[0].explained
@@ -119,7 +119,7 @@ def _near_optimum(best: Fit, data: Dataset, misfit: Misfit) -> Try:
         weight[label] = 1 / np.sqrt(np.mean(group**2))
         rows.append(weight[label] * group)
         directions.append(weight[label] * as_columns(*(column[label] for column in slopes)))
-        # Misfits count relative to the size of their groups; groups without misfit do not count.
+        # Misfits count relative to the rms of their groups; groups without misfit do not count.
         size = np.linalg.norm(spectrum.values) if label in misfit.missed else np.inf
         counted.append(np.full(len(group), 1 / (weight[label] * size)))
         places[label] = slice(end, end := end + len(group))

@@ -415,7 +415,7 @@ def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
 
 
 def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Return the finding that there is no hysteresis, or that drag fits as well; else None."""
+    """Return the finding that hysteresis is absent, or that drag fits as well; None if neither."""
     finding = hysteresis_finding(added, ready.y_peak, ready.data.laws, misses=misses)
     return finding or seen_drag(added, ready, misses=misses)
 
@@ -450,7 +450,7 @@ def drawn(facts: Mapping[Any, Any]) -> list[str]:
 
 
 def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
-    """Return advice if elliptical slice sampling has not converged, else an empty text."""
+    """Return advice if elliptical slice sampling has not converged; otherwise an empty text."""
     failed = {finding.code for finding in findings if finding.status != "ok"}
     if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
         return []

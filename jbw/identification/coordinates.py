@@ -61,7 +61,7 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
 
 
 def _stiffest(data: Dataset) -> float:
-    """Return force over displacement of the stiffest loop, per unit mass [1/s^2]."""
+    """Return the stiffest loop's ratio of force to displacement, per unit mass [1/s^2]."""
     stiffnesses = (part.shown().stiffness() for part in data.parts)
     measured = [value for value in stiffnesses if value is not None]
     if not measured:

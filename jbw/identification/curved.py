@@ -119,7 +119,7 @@ def weighted_draws(
 def solvable_draws(
     key: Key[Array, ""], density: Draws, theta: Mapping[str, Draws], data: Dataset
 ) -> tuple[Draws, dict[str, Draws]]:
-    """Return draws in which others replace those where the model cannot be solved.
+    """Return draws in which solvable ones replace those at which the model cannot be solved.
 
     A Gaussian reaches parameters that no motion belongs to, at which a posterior is zero. A single
     such draw would leave a prediction without a median.

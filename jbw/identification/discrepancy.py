@@ -129,7 +129,7 @@ class Discrepancy:
         return growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
-        """Return a kind of test's remaining error over its rms response; the largest if unknown."""
+        """Return a kind of test's remaining error relative to its rms; the largest if unknown."""
         shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
         return shares.get(kind, max(shares.values(), default=0.0))
 

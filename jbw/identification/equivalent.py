@@ -30,7 +30,7 @@ SHARES = (0.1, 0.3, 1.0)
 
 
 class Effects(NamedTuple):
-    """The relative change of natural frequency, and the added damping ratio over zeta [-]."""
+    """The relative change of natural frequency, and the added damping ratio divided by zeta [-]."""
 
     frequency: Float[np.ndarray, " draw"]
     damping: Float[np.ndarray, " draw"]

@@ -1,4 +1,4 @@
-"""Units of gains: force per mass over the source of the tests."""
+"""Units of gains: force per mass, divided by the unit of the tests' source."""
 
 from collections.abc import Container, Sequence
 

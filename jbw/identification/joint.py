@@ -138,7 +138,7 @@ def draw_joint(
 
 
 def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
-    """Return the fit without the joint if the data show no joint; else None.
+    """Return the fit without the joint if the data show no joint; otherwise None.
 
     This is decided as soon as noise, run effects and residual terms are determined, before
     coordinates and solver steps are chosen, which an absent joint does not need.

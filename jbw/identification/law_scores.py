@@ -152,7 +152,7 @@ def _by_points(
     piece: HeldOut,
     about_all: Reparametrisation,
 ) -> tuple[float, float]:
-    """Return log predictive density [nats] and k-hat of held-out groups, from new points."""
+    """Return log predictive density [nats] and k-hat of held-out groups, by newly drawn points."""
     parametrisations = {"fit": lambda: place_of(piece.fit, candidate), "draws": lambda: about_all}
     points = weighed_in(key, candidate.fitted.box, piece.rest, parametrisations)
     times = _told_by_terms(candidate.fitted.data, piece.rest)

@@ -161,7 +161,7 @@ def leave_one_out(
 
 
 def _gained(best: Fit, piece: HeldOut, prior: Box) -> float:
-    """Return by how much chi-square of the other runs falls if one run is held out of the fit."""
+    """Return by how much the other runs' chi-square falls if one run is held out of the fit."""
     before = float(np.sum(residual_at(stacked, best.x, prior, piece.rest) ** 2))
     return max(before - 2 * piece.fit.cost, 0.0)
 
@@ -194,7 +194,7 @@ def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:
-    """Return the finding on whether the runs agree on one joint; its number is the largest |z|."""
+    """Return the finding on whether the runs agree on one joint, from the largest |change| / sd."""
     size = abs(left_out["z"])
     if size.isnull().all():
         return Finding("leave_one_out", "ok", {}, float("nan"), entry="leave_one_out.none")
@@ -245,7 +245,7 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
-    r"""Return each record's standard error from its own residual, over that in the common fit.
+    r"""Return each record's standard error from its own residual, relative to the common fit's.
 
     $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: the residual of one law for all records is
     misfit. Little of it remains for each record alone, and a larger fraction f of that is

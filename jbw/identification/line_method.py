@@ -24,7 +24,8 @@ class LineFit:
     covariance: NDArray[np.float64]  # covariance of (omega_n, zeta, gain), with residual terms free
     upper: float  # constant receptance of higher modes; 0 if not fitted [m per unit]
     lower: float  # coefficient of 1 / omega^2 of lower modes; 0 if not fitted
-    # Sum of squared residuals (real and imaginary) over their variance. Neighbouring lines are
+    # Sum of squared residuals (real and imaginary), divided by their variance. Neighbouring lines
+    # are
     # correlated, so it varies more than chi-square with `dof` degrees of freedom.
     chi_square: float
     dof: int  # number of real data minus parameters

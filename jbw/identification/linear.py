@@ -27,7 +27,7 @@ class PooledFit:
     mean: Real  # mean over the repeats
     covariance: Real  # covariance of the mean, larger if the repeats vary more than their errors
     cv: Real  # coefficient of variation across repeats [-]
-    scatter_ratio: Real  # variance between repeats over the variance expected from the fits
+    scatter_ratio: Real  # ratio of the variance between repeats to that expected from the fits
     scatter_p: Real  # p-value of the ratio
     num_repeats: int
 

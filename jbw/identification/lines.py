@@ -54,7 +54,7 @@ class FRFLines:
 
     @property
     def data(self) -> Complex:
-        """The lines in units of the measured response, one output after another."""
+        """The measured spectral lines in the unit of the response, one output after another."""
         return np.concatenate([part.h * to_measured(part) for part in self.outputs])
 
     @property

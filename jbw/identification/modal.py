@@ -228,7 +228,7 @@ class ModalFit:
     upper: Real  # constant receptance of higher modes, by output [m per unit]
     lower: Real  # coefficient of 1 / omega^2 of lower modes, by output
     misfit: Real  # relative residual of each output, in standard errors
-    chi_square: float  # sum of squared misfits over their variance
+    chi_square: float  # sum of squared misfits, divided by their variance
     dof: int  # number of real data minus parameters
     num_lines: int  # number of fitted lines of each output
     band_hz: tuple[float, float]  # lowest and highest fitted line [Hz]
@@ -420,7 +420,7 @@ def _stacked(rows: NDArray[np.complex128]) -> Real:
 
 
 def _typical(lines: FRFLines, start: Real) -> Real:
-    """Return typical sizes of all parameters of a modal fit, by which they are scaled."""
+    """Return typical values of all parameters of a modal fit, by which they are scaled."""
     modal = lines.num_modes * lines.width
     blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
     blocks[:, 2:] = np.maximum(blocks[:, 2:], 0.1 * blocks[:, 2:].max(axis=0))

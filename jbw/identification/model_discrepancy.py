@@ -131,7 +131,7 @@ class LeftOutRun(NamedTuple):
     std: Float[np.ndarray, " own"]  # standard errors of the shift; infinite if it is not determined
     rests: Mapping[str, Rest]  # squared residuals relative to the squared response, by kind of test
     is_decay: bool = False
-    amplitude: float = np.nan  # amplitude over the largest fitted one; NaN if unknown
+    amplitude: float = np.nan  # amplitude relative to the largest fitted one; NaN if unknown
     grown: float = 1.0  # factor by which standard deviations have grown at this amplitude
     noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # part of `std` that noise causes
     # $P C$ of the fit without the run, by which runs share noise; None if there is no such fit.
@@ -579,7 +579,7 @@ def _decays(data: Dataset) -> set[str]:
 
 
 def _drift(run: str, fit: Fit, data: Dataset) -> LeftOutDecay | None:
-    """Return the drift of a run if it is a free decay of one mode, else None."""
+    """Return the drift of a run if it is a free decay of one mode; otherwise None."""
     part: Any = next(part for part in data.parts if run in part.groups.runs)
     if not part.own_shifts or part.several:
         return None
@@ -675,7 +675,7 @@ def _rest(
 
 
 def _over(rest: Rest, size: float) -> Rest:
-    """Return squared residuals relative to the squared size of a response."""
+    """Return squared residuals divided by the mean square of a response."""
     square, mean, variance, noise = rest
     return Rest(square / size, mean / size, variance / size**2, noise / size)
 
@@ -718,5 +718,5 @@ def _square(row: Row) -> float:
 
 
 def _count(row: Row) -> int:
-    """Return the number of real values in a row."""
+    """Return the number of real values in a row; a complex value counts as two."""
     return len(row) * (2 if np.iscomplexobj(row) else 1)

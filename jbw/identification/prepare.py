@@ -45,7 +45,7 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 MOST_SUBSTEPS = 64
-# factor on steps from a fit: so close to it, even a curved posterior is nearly Gaussian
+# factor on steps from a fit; so close to the fit, even a curved posterior is nearly Gaussian
 NEAR = 1e-3
 # If the solver's error is below this part of the allowed one, the steps are short enough.
 AMPLE = 0.5

@@ -63,7 +63,7 @@ def stated_terms(data: Dataset) -> tuple[str, ...]:
 def term_bounds(
     names: tuple[str, ...], omega_n: float, given: Mapping[str, tuple[float, float]]
 ) -> Bounds:
-    """Return the bounds of constant residual terms: stated ones, else wide ones."""
+    """Return the bounds of constant residual terms: stated ones, or wide ones by default."""
     wide = bounds(omega_n)
     return {name: given.get(name, wide[name]) for name in names}
 

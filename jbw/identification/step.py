@@ -71,7 +71,7 @@ def finished(
     statements: Iterable[str] = (),
     held: Mapping[str, Any] | None = None,
 ) -> Step:
-    """Judge a posterior by its findings; return it as a step with its fit and prior.
+    """Return a posterior as a step of the identification: with its judged findings, fit and prior.
 
     `started` is the value of `perf_counter()` at the start of the step.
     """

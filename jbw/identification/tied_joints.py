@@ -52,7 +52,8 @@ from jbw.report.messages import laws as messages
 Laws = tuple[str, ...]
 PREFIX = "tied_"  # prefix of the attributes that store this comparison
 DECISIVE = 3.0  # difference of log evidence that decides, 20 to 1 [nats]
-MOST = 12  # largest number of sets of laws; otherwise, fewer changes of single joints are tried
+# largest number of sets of laws; if there are more, fewer laws are changed at single joints
+MOST = 12
 
 # Laws that are tried by default: none, elastic, and hysteretic ones.
 USUAL: tuple[Laws, ...] = ((), ("cubic",), ("bouc_wen",), ("bouc_wen_nu",), ("iwan4",))
@@ -83,7 +84,7 @@ class TiedEvidence(NamedTuple):
 
     @property
     def answer(self) -> str:
-        """The laws that the evidence prefers by 20 to 1, `tied` or `own`, else `not told`."""
+        """The laws that the evidence prefers by 20 to 1, `tied` or `own`; `not told` if neither."""
         if not self.is_trusted or abs(self.log_ratio) < DECISIVE:
             return "not told"
         return "tied" if self.log_ratio > 0 else "own"

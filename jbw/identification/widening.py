@@ -45,7 +45,7 @@ def _known(laws: Laws) -> dict[str, Quantity]:
 
 
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
-    """Return the fit with a wider prior if a default bound truncates draws; else None.
+    """Return the fit with a wider prior if a default bound truncates draws; otherwise None.
 
     Bounds that the campaign states are kept.
     """
@@ -54,7 +54,7 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
 
 
 def widened_by_fit(ready: Fitted, stated: Container[str]) -> Fitted | None:
-    """Return the fit with a wider prior if it ends at a default bound; else None.
+    """Return the fit with a wider prior if it ends at a default bound; otherwise None.
 
     Bounds that the campaign states are kept, and so are lower bounds of zero, where a quantity
     ends.

@@ -173,7 +173,7 @@ class _Meeting:
         self._is_closed, self._lock = False, Lock()
 
     def values_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the values at one search's points, once all other searches have asked too."""
+        """Return the values at one search's points, computed once all searches have sent points."""
         values: Future[np.ndarray] = Future()
         with self._lock:
             if self._is_closed:

@@ -64,7 +64,7 @@ class CalibratedStep(NamedTuple):
 
 
 def third_order(design: Design[KernelData], *, known_noise: bool = False) -> CalibratedStep:
-    """Return the model of Step 3: zeta, alpha, delta (and unknown noise) from the kernel (36)."""
+    """Return the model of Step 3: zeta, alpha, delta (unknown noise) from the kernel, Eq. (36)."""
     data = design.data
     simulate = Partial(
         simulated_kernel.measured_kernel,
@@ -216,7 +216,8 @@ def motion(
     """
     # The force between samples follows from the spectrum of the samples; both ends are at rest.
     joint = oscillator_of(theta, laws)
-    specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))  # pyright: ignore[reportArgumentType]
+    # pyright: ignore[reportArgumentType]
+    specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))
     h, size = 1 / (fs * STEPS), force.shape[-1]
     # Zeros added to the spectrum give the input at the ends and in the middle of the steps.
     fine = jnp.fft.irfft(jnp.fft.rfft(force), 2 * STEPS * size) * 2 * STEPS

@@ -90,7 +90,7 @@ def _is_rough(row: StoredLaw, *, by_runs: bool) -> bool:
 
 
 def _answer(row: StoredLaw, best: StoredLaw, *, by_runs: bool) -> str:
-    """Return a law's answer compared with the best law: worse, not told apart or not judged.
+    """Return whether a law is worse than the best law, cannot be told apart, or is not judged.
 
     A law with a rough score is not judged, unless it lies farther behind than its possible error,
     or is hopeless and thus worse in any case.
@@ -228,7 +228,7 @@ def _of_answers(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_targets(rows: Rows, best: str) -> Iterator[str]:
-    """Yield sentences on laws that predict stronger or other tests best if another law is best."""
+    """Yield a sentence for stronger and for other tests if another law predicts them best."""
     for target in TARGETS:
         shares = weights_for(rows, target)
         if shares and best not in shares:

@@ -513,7 +513,7 @@ def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
 
 
 def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset:
-    """Return each law's residual of the data group with the highest level, over the group's rms.
+    """Return each law's residual of the data group with the highest level, divided by its rms.
 
     If no level is known, the group is that with the largest response.
     """

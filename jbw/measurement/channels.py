@@ -15,7 +15,7 @@ Complexes = NDArray[np.complex128]
 ROUNDING = 1e-9
 DIFFERENCES = 6  # order of the differences: they retain 0.8 % of a sine of eight samples a period
 OF_NORMAL = 0.6745  # median of the absolute value of a standard normal variable
-ALIKE = 1.2  # ratio of neighbouring sizes below which two records count as equally strong
+ALIKE = 1.2  # ratio of neighbouring strengths below which two records count as equally strong
 
 
 def channel(x: ArrayLike, name: str) -> Reals:
@@ -114,7 +114,7 @@ def rms(values: ArrayLike) -> float:
 
 
 def strength_ranks(sizes: Sequence[float]) -> NDArray[np.int64]:
-    """Return the rank of each size, 0 for the largest; nearly equal neighbours share a rank."""
+    """Return the rank of each strength, 0 for the largest; nearly equal neighbours share a rank."""
     values = np.asarray(sizes, float)
     falling = np.argsort(-values, kind="stable")
     is_weaker = values[falling][1:] < values[falling][:-1] / ALIKE

@@ -11,7 +11,8 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, whole_down
 
 ATTENUATION = 80.0  # dB, outside the band
-MOST_TAPS = 2**24  # samples over those of half a band: the band's filter is five times as long
+# number of samples divided by that of half a band: the band's filter is five times as long
+MOST_TAPS = 2**24
 LEAST_PER_PERIOD = 11  # samples per period of the fastest motion in the band that a solver is given
 
 

@@ -22,7 +22,8 @@ from jbw.measurement.channels import Reals, channel, passband, same_length, samp
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.harmonics import Tones, check_tones, sine_fit
 
-ROLL_OFF = 0.2  # width of the roll-off outside the band, over the frequency of the band's edge
+# width of the roll-off outside the band, relative to the frequency of the band's edge
+ROLL_OFF = 0.2
 ORDER = 64  # poles, enough for about thirty tones
 RECENT = 2048  # samples next to an end from which the continuation is predicted
 MOST_HARMONICS = 25  # harmonics of a mean cycle
@@ -202,7 +203,7 @@ def cycles_of(loop: ForcedLoop) -> list[Cycle]:
 
 
 def _between_passages(loop: ForcedLoop) -> list[Cycle]:
-    """Return the whole cycles of a loop, each over two passages of the middle."""
+    """Return the whole cycles of a loop, from a passage of the middle to the next but one."""
     crossings = passages(loop.displacement)
     return [_cycle(loop, *ends) for ends in zip(crossings[:-2:2], crossings[2::2], strict=False)]
 
@@ -274,7 +275,7 @@ def begins_unmoved(y: Reals) -> bool:
 
 
 def lopsided(loop: ForcedLoop) -> float:
-    r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$ at the turning points of all cycles.
+    r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$, F being both peak forces of a cycle.
 
     If a loop begins at y = 0, its force there is subtracted, since no joint exerts a force there.
     """

@@ -54,7 +54,7 @@ from jbw.report.messages import look as messages
 
 # Largest number of samples, of all channels of a test, that are kept in memory for a comparison.
 MOST_SAMPLES = 2**23
-# Variation of the source over its size: above it, records are no repeats of each other.
+# Relative variation of the source above which records are no repeats of each other.
 SAME_SOURCE = 0.1
 ABOVE_NOISE = 5.0  # standard deviations of a harmonic
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
@@ -62,7 +62,7 @@ BY_CHANCE = 1e-3  # probability below which repeats are reported to differ
 SHAPES = 3  # directions along which repeats differ other than by noise
 EXCITED = 0.05  # share of the source's strongest line above which a line counts as excited
 PERIODS = 10.0  # number of periods of the source in a window
-SPACING = 0.5  # distance of windows over their length
+SPACING = 0.5  # distance of windows, divided by their length
 QUIET = 0.02  # share of the source's largest amplitude below which nothing is driven
 FEWEST = 4  # windows of a sweep
 MOST_STRAY = 0.1  # residual of a sweep's source from one tone with harmonics, within a window
@@ -204,11 +204,11 @@ def coherence_at_resonance(
 
 
 class Repeatability(NamedTuple):
-    """The variation of repeats of one test, over the root mean square of their mean."""
+    """The variation of repeats of one test, divided by the root mean square of their mean."""
 
     scatter: float  # total standard deviation of one repeat
-    noise: float  # standard deviation that no change of size, time or pace explains
-    size: float  # standard deviation of the size
+    noise: float  # standard deviation that no change of amplitude, time or pace explains
+    size: float  # standard deviation of the repeats' amplitude
     p: float  # probability that noise alone varies so much along the three directions
     num_repeats: int
 
@@ -274,7 +274,8 @@ def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:
     """Return the variance per sample of white noise at the median level of the response's band."""
     band = _band(mean)
     power = np.sum(np.abs(np.fft.rfft(deviations))[:, band] ** 2, axis=0) / (len(deviations) - 1)
-    # Wilson and Hilferty: median over mean of a chi-square variable of 2 k degrees of freedom.
+    # Wilson and Hilferty: ratio of median to mean of a chi-square variable of 2 k degrees of
+    # freedom.
     k = len(deviations) - 1
     return float(np.median(power) / deviations.shape[1] / (1 - 1 / (9 * k)) ** 3)
 
@@ -503,7 +504,7 @@ def _fitted(
 
 
 def largest_share(harmonics: SweptHarmonics, order: int) -> tuple[float, float, float]:
-    """Return an order's largest harmonic over the largest fundamental, its noise, frequency [Hz].
+    """Return an order's largest harmonic relative to the fundamental, its noise and its frequency.
 
     The possible effect of the source's own harmonic is subtracted: the size of that harmonic times
     the largest ratio of response to source.

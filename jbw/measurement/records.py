@@ -209,7 +209,7 @@ def is_sampled(record: Record) -> bool:
 
 
 def drive_of(test: Test) -> str:
-    """Return a test's drive: as stated, else by its source; empty for prescribed displacement."""
+    """Return a test's drive, stated or by its source; empty for prescribed displacement."""
     if test.drive or test.traits.is_prescribed or not test.records:
         return test.drive
     if test.traits.is_free:
@@ -221,7 +221,7 @@ def drive_of(test: Test) -> str:
 
 
 def run_of(test: Test) -> str:
-    """Return the name of a test's run: its assembly and day if stated, else the test's name."""
+    """Return the name of a test's run: its assembly and day if stated, or the test's name."""
     return OF.join(part for part in (test.assembly, test.run) if part) or test.name
 
 
@@ -296,7 +296,7 @@ def si_of(role: str, unit: str) -> tuple[float, str, str]:
 
 
 def sensitivity_of(role: str, written: str) -> tuple[float, str]:
-    """Return a sensor's volts per unit of the quantity of a role, and that unit.
+    """Return a sensor's sensitivity in volts per unit of its channel's quantity, and that unit.
 
     `100 mV/g` is (0.1, `g`), `40 mV/(mm/s)` is (0.04, `mm/s`).
 
@@ -316,7 +316,7 @@ def sensitivity_of(role: str, written: str) -> tuple[float, str]:
 
 
 def _per_source(role: str, unit: str) -> tuple[float, str, str] | None:
-    """Return factor, unit and source of a unit of response per force or voltage, else None.
+    """Return factor, unit and source for a unit of response per force or per voltage.
 
     Examples are an accelerance in `1/kg` and a mobility in `m/(N s)`.
     """

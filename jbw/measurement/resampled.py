@@ -35,11 +35,11 @@ BETA = 10.0  # shape of the Kaiser window
 CHUNK = 1 << 14  # samples interpolated at once
 MILLION = 1e6
 PASSED = 0.9  # share of half a rate below which frequencies are kept
-SHARE = 0.75  # rate of a signal through uneven samples, over their mean rate
+SHARE = 0.75  # rate of a signal through uneven samples, divided by their mean rate
 BLOCK, OVERLAP = 1 << 15, 128  # values found at once, and values shared by two blocks
 DAMPED = 1e-4  # weight that keeps values finite where no sample determines them
 HELD_OUT = 8  # every eighth sample is held out for the error
-LARGEST_ERROR = 0.5  # largest error of a fitted signal, over the rms
+LARGEST_ERROR = 0.5  # largest error of a fitted signal, divided by its rms
 NEAR = 2e-3  # relative distance to a whole number of hertz that counts as that number
 PAUSE = 1.5  # usual steps: a longer step of uneven times is a pause
 ABOVE = 1.05  # times the usual rate of uneven samples: highest rate for resampling
@@ -190,7 +190,7 @@ def _blocks(size: int) -> Iterator[tuple[int, int]]:
 
 
 def _matrix(place: Reals, size: int) -> scipy.sparse.csr_array:
-    """Return the kernel matrix from values of unit distance (columns) to places (rows)."""
+    """Return the matrix that interpolates values at unit distance (columns) to places (rows)."""
     nearest = np.floor(place).astype(int)
     columns = nearest[:, None] + np.arange(1 - REACH, REACH + 1)
     inside = (columns >= 0) & (columns < size)

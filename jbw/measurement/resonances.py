@@ -23,17 +23,17 @@ from jbw.measurement.records import Record, Test
 from jbw.quantities import derivative_order
 from jbw.report.messages import reading as messages
 
-WIDE = 0.15  # half width of the lines of the first fit, over the peak's frequency
+WIDE = 0.15  # half width of the band of the first fit, divided by the peak's frequency
 HALF_WIDTHS = 6.0  # zeta omega_n to either side: lines of the later fits
 # Smallest number of lines of a time record and of points of a curve.
 LEAST_LINES, LEAST_POINTS = 12, 6
-ROUNDS = 3  # fits, each narrower about the resonance
+ROUNDS = 3  # number of fits, each in a narrower band about the resonance
 DRIVEN = 1e-2  # share of the source's largest line below which a line is not driven
 SWEPT = 5e-3  # share of the source's energy beyond either end of the sweep
 # Largest relative residual near the resonance for which the response is an oscillator's.
 MISSED = 0.5
 LEFT_OPEN = 0.45  # share of the damping ratio per unit of relative residual of the oscillator
-FLOOR = 1e-3  # smallest error of the damping ratio, over the damping ratio
+FLOOR = 1e-3  # smallest error of the damping ratio, divided by the damping ratio
 NEAR_LINES = 9  # lines averaged to decide whether they are driven, since single lines of noise vary
 
 
@@ -77,9 +77,9 @@ class Reading(NamedTuple):
     y: float  # amplitude of the displacement [m]
     frequency_hz: float
     damping: float
-    # Residual of the linear oscillator near resonance, over the rms of the response.
+    # Residual of the linear oscillator near resonance, divided by the rms of the response.
     left: float = np.nan
-    third: float = np.nan  # largest third harmonic of the displacement over the first
+    third: float = np.nan  # ratio of the displacement's largest third harmonic to its first
     frequency_sd: float = np.nan  # standard deviation of the frequency [Hz]
     damping_sd: float = np.nan
     # Residual of the fit that gave the values; NaN if it is that of the linear oscillator.

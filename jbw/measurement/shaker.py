@@ -41,7 +41,7 @@ class ShakerFit:
     stiffness: float  # k_a [N/m]
     # Standard deviations of the five values, from the residual of independent lines.
     std: Float[np.ndarray, " 5"]
-    leftover: float  # residual of the force's lines, over their size
+    leftover: float  # residual of the force's spectral lines, divided by their magnitude
     leftover_gain: float  # the same ratio for a constant gain alone
     num_lines: int
     band_hz: tuple[float, float]

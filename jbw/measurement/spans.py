@@ -81,7 +81,7 @@ def unbroken_line(
 
 
 def clean_part(spoilt: Bool[np.ndarray, " time"]) -> slice:
-    """Return the first stretch without bad samples that is half as long as the longest, or more."""
+    """Return the first segment without bad samples that is half as long as the longest, or more."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], spoilt, [True]]).astype(np.int8)))
     starts, stops = edges[::2], edges[1::2]
     if not len(starts):

@@ -21,7 +21,7 @@ from jbw.report.messages import reading as messages
 
 PERIODS = 8.0  # fewest periods of a line in half a record; fewer are a drift
 STATED = 1.0  # largest error of a stated frequency, in lines of the half record's spectrum
-KNOWN = 0.3  # largest extrapolated error of a line, over its amplitude
+KNOWN = 0.3  # largest extrapolated error of a line, divided by its amplitude
 FINER = 8  # spectrum values per line, for the starting values of the mode
 
 

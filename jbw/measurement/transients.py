@@ -10,7 +10,7 @@ from jbw.measurement.channels import channel, lines_within, passband, same_lengt
 from jbw.measurement.spectra import FRF
 from jbw.quantities import Motion, derivative_order
 
-DRIVEN = 1e-3  # share of an input's largest line below which the ratio is noise over noise
+DRIVEN = 1e-3  # share of an input's largest line below which the ratio is that of noise to noise
 
 
 def record_frf(

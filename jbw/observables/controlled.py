@@ -249,12 +249,12 @@ class ControlledPoints(Observable):
         return jnp.abs(joint_motion), motion_phase + jnp.angle(joint_motion / moved)
 
     def compared(self, values: Any) -> Float[Array, "group point"]:
-        """Return values over their noise profile, without the part correlated with the force."""
+        """Return values divided by their noise profile, less the part correlated with the force."""
         rows = self._counted * values
         return (rows - self.mixed * rows[self._force_of_test]) / self.scale
 
     def misfit(self, theta: Theta) -> Float[Array, "group point"]:
-        """Return measured minus predicted values over their noise profile; phases are wrapped."""
+        """Return measured minus predicted values divided by their noise profile, phases wrapped."""
         residual = self.mean - self.predict(theta)
         turned = jnp.array([row.quantity == "phase" for row in self.rows])[:, None]
         return self.compared(jnp.where(turned, jnp.angle(jnp.exp(1j * residual)), residual))
@@ -265,7 +265,7 @@ class ControlledPoints(Observable):
 
     @property
     def _force_of_test(self) -> Int[np.ndarray, " group"]:
-        """The number of the force's data group in the same test, or else the group's own."""
+        """The number of the data group of force in the same test; the group's own if none."""
         forces = {row.test: i for i, row in enumerate(self.rows) if row.quantity == "force"}
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
@@ -278,7 +278,7 @@ class ControlledPoints(Observable):
         return np.hypot(scale, force_noise)
 
     def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the values to which relative errors refer, in their unit (forces: themselves)."""
+        """Return the reference values of relative errors, in their unit; forces are their own."""
         mean = np.asarray(self.mean)[group][compared(self.groups, group)]
         if self.rows[group].quantity == "force":
             return mean
@@ -352,13 +352,13 @@ class ControlledPoints(Observable):
         weights: Float[np.ndarray, "point variable"],
         scale: Float[np.ndarray, " point"],
     ) -> float:
-        """Return the weighted squared deviations of repeats from their mean, summed over points."""
+        """Return the weighted sum of squared deviations of repeats from their mean, all points."""
         products = np.asarray(self.moments)[self.rows[group].test]
         squares = np.einsum("pi,pij,pj->p", weights, products, weights)
         return float(np.sum((squares / scale**2)[compared(self.groups, group)]))
 
     def _sizes(self, theta: Theta) -> Float[np.ndarray, " group"]:
-        r"""Return reference sizes; for frequencies $\zeta_{eq} f = g F f / (2 \omega^2 Y)$."""
+        r"""Return reference values; for frequencies $\zeta_{eq} f = g F f / (2 \omega^2 Y)$."""
         size, gain = np.array(self.groups.reference), abs(float(theta["gain"]))
         for i, row in enumerate(self.rows):
             if row.quantity == "frequency" and self.unit_of_source:
@@ -564,7 +564,7 @@ def _first_scale(
 
 
 def _size(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> float:
-    """Return the reference size for relative errors of a data group before a fit."""
+    """Return the reference value for relative errors of a data group before a fit."""
     if row.quantity == "force":
         return float(np.exp(np.mean(np.log(mean))))
     return HALF_WIDTH * float(np.mean(mean)) if row.quantity == "frequency" else 1.0

@@ -200,7 +200,7 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
 
 
 def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
-    r"""Return the log density of records' frequency shifts, with their scatter s integrated out.
+    r"""Return the log density of records' frequency shifts, with their scatter integrated out.
 
     It is $\log \int p(s) \prod_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$.
 
@@ -258,7 +258,7 @@ def _weighted(theta: Theta, data: Dataset) -> list[Block]:
 def _offsets_taken_out(
     blocks: Sequence[Block], data: Dataset
 ) -> tuple[list[Float[Array, "_group _value"]], dict[str, Float[Array, " own"]]]:
-    """Subtract each run's optimal offsets from the residuals; return both, the offsets scaled."""
+    """Return residuals less each run's optimal offsets, and these offsets / their scatter."""
     rows = [block[0] for block in blocks]
     shared = [i for i, part in enumerate(data.parts) if not part.own_shifts]
     if not (data.has_offsets and shared):
@@ -383,6 +383,6 @@ def size_by_label(data: Dataset) -> dict[str, float]:
 
 
 def error_by_label(residuals: Mapping[str, Row], data: Dataset) -> dict[str, float]:
-    """Return the relative error of each data group: norm of its residual over that of its mean."""
+    """Return each data group's relative error: the norm of its residual divided by its mean's."""
     sizes = size_by_label(data)
     return {label: float(np.linalg.norm(residuals[label])) / size for label, size in sizes.items()}

@@ -95,7 +95,7 @@ class Decays(Envelopes):
         return self.compared(self.matches(theta).residual)
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residuals in standard deviations; the last one is the shift over its scatter."""
+        """Return residuals in standard deviations; the last is the shift divided by its scatter."""
         matches = self.matches(theta)
         residual = self.compared(matches.residual) * weights(self.groups)[:, None]
         shift = matches.entry.shift[:, None] / self.shift_std

@@ -54,7 +54,7 @@ def _weights(
     predicted: Complex[np.ndarray, " value"],
     noise_std: float,
 ) -> Float[np.ndarray, " value"]:
-    """Return squared amplitudes, the smaller of both envelopes; zero for values within noise."""
+    """Return the smaller of both envelopes' squared amplitudes; zero for values within noise."""
     smaller = np.minimum(np.abs(measured), np.abs(predicted))
     return np.where(smaller > ABOVE_NOISE * noise_std, smaller, 0.0) ** 2
 

@@ -57,7 +57,7 @@ def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
-    """Return the parts of the dataset that use a drive's own parameters ("" for the plain ones)."""
+    """Return the dataset parts that use a drive's own parameters ("" for those without a drive)."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
 
@@ -93,7 +93,7 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
     """Return which of omega_n, zeta and gain the tests with one drive determine together.
 
-    Free motion determines stiffness over mass, a prescribed displacement the stiffness [N/m]:
+    Free motion determines stiffness / mass, a prescribed displacement the stiffness [N/m]:
     together they determine the modal mass, which neither determines alone.
     """
     informed = frozenset[str]().union(*(part.informs for part in parts))
@@ -135,7 +135,7 @@ def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) 
 
 
 def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
-    """Return the gain of a drive if it is fixed, else None."""
+    """Return the gain of a drive if it is fixed; otherwise None."""
     value = (held or {}).get(named("gain", drive) if drive else "gain")
     return None if value is None else float(value)
 
@@ -155,7 +155,7 @@ def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
 
 
 def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
-    """Return the steady harmonics of all dataset parts, scaled to a motion of 1 m, or None."""
+    """Return the steady harmonics of all dataset parts, scaled to a motion of 1 m; None if none."""
     lines_by_part = [
         part_lines for part in parts if (part_lines := part.shown().steady_lines()) is not None
     ]

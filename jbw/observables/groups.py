@@ -96,7 +96,7 @@ class Groups(eqx.Module):
 
     @property
     def num_counted(self) -> Float[Array, " group"]:
-        """The number of values of all repeats of a data group, minus those that constants use."""
+        """The number of values in all repeats of a data group, less that of fitted constants."""
         return concrete(self.size) * concrete(self.num_repeats) - self.num_taken
 
     @property

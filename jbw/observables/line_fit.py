@@ -28,10 +28,10 @@ from jbw.observables.samples import joints_at
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
-# largest amplitude of random motion over its rms; higher ones have a probability of 1e-8
+# largest amplitude of random motion, divided by its rms; higher ones have a probability of 1e-8
 MOST = 6.0
 NUM_NODES = 24
-# Amplitude over the rms below which 99 % of the peaks of narrow-band noise stay.
+# Amplitude, divided by the rms, below which 99 % of the peaks of narrow-band noise stay.
 LARGEST = float(np.sqrt(-2 * np.log(0.01)))
 MARGIN = 0.05  # sd of neglected effects, relative to the change by the joint
 READ = ("omega_n", "zeta", "gain")
@@ -72,7 +72,7 @@ class LineReading(KnownReading):
         return cls(spread, rms, mean=read, groups=groups, laws=laws)
 
     def predict(self, theta: Theta) -> Float[Array, "1 read"]:
-        """Predict Step 2's omega_n [rad/s], zeta, gain by (23), (39), averaged over amplitude."""
+        """Predict Step 2's omega_n [rad/s], zeta, gain by Eqs. (23), (39), amplitude averaged."""
         if self.solution is not None:
             return self.solution
         equivalent = _equivalent(oscillator_of(theta, self.laws), self.y_rms)

@@ -118,7 +118,7 @@ class Loops(Observable):
 
 
 def secant(data: Loops) -> float:
-    """Return the stiffness of the stiffest loop: force over displacement, peak to peak [N/m].
+    """Return the stiffness of the stiffest loop: peak-to-peak force / displacement [N/m].
 
     If its stiffest cycle is more than twice as stiff, that is returned instead: a joint that wears
     or yields far is soft in its largest cycles.
@@ -145,7 +145,7 @@ def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -
 def zeros_of_load_cells(
     kinds: Sequence[str], counted: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "test 2 time"] | None:
-    """Return columns for offset and drift of load cells, or None if tests have no such errors."""
+    """Return columns for offset and drift of load cells; None if tests have no such errors."""
     if all(kind == "exact" for kind in kinds):
         return None
     columns = np.zeros((len(kinds), 2, max(map(len, counted))))

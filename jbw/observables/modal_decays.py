@@ -57,7 +57,7 @@ FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
 
 class Start(NamedTuple):
-    """The unknowns of a record: q_i, then q_i' over the frequencies [m], and a shift [rad/s]."""
+    """The unknowns of a record: q_i, q_i' divided by the frequencies [m], and a shift [rad/s]."""
 
     state: Float[Array, "*record coordinate"]
     shift: Float[Array, "*record"]
@@ -336,7 +336,7 @@ def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Ma
 
 
 def _units(seen: MatchedEnvelopes, data: ModalDecays) -> Float[Array, " own"]:
-    """Return the scales of a record's unknowns: mode amplitudes, and a radian over its length."""
+    """Return the scales of a record's unknowns: mode amplitudes, and a radian per its length."""
     radian = 1 / (data.step_s * jnp.full(1, len(seen.envelope)))
     return jnp.concatenate([seen.amplitude, seen.amplitude, radian])
 

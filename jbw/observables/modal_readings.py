@@ -57,7 +57,7 @@ def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, floa
 def _near(
     motion: MotionSpectra, windows_hz: Sequence[tuple[float, float]], spanned: float
 ) -> dict[int, Bool[np.ndarray, " line"]]:
-    """Return, by mode, the driven lines in its search range, if these span enough of the range."""
+    """Return each mode's driven spectral lines in its search range, if they span enough of it."""
     loud, near_modes = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
     for i, window in enumerate(windows_hz):
         near_mode = loud & lines_within(motion.omega / (2 * np.pi), window)

@@ -43,7 +43,7 @@ class Modes(NamedTuple):
 
     hz: tuple[float, ...]
     driving_point: bool = False  # whether the response is measured where the source pushes
-    # measured motion of the joint in every mode, over that in the first (h_i / h_1)
+    # measured motion of the joint in every mode, divided by that in the first (h_i / h_1)
     joint_shape: tuple[float, ...] = ()
     points: tuple[str, ...] = ()  # names of additional points where responses are measured
     # Coupling of the modes: "common" by one joint; "apart" not at all, with separate laws; "first"
@@ -125,7 +125,7 @@ def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
 
 
 def gain_shares(modes: Modes, point: str = "") -> Reals:
-    """Return the gain at a point in each driven mode of a reduced model, over the first gain."""
+    """Return the gain at a point in each driven mode of a reduced model, relative to the first."""
     numbers, driven = dict(modes.numbers), range(1, len(modes.hz) + 1)
     gains = [numbers[numbered(PUSH, i)] * numbers[seen_name(i, point)] for i in driven]
     return np.array(gains) / (numbers[numbered(PUSH, 1)] * numbers[seen_name(1)])
@@ -222,7 +222,7 @@ class ModesAtJoint(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
-        """Return log motions and couplings in standard deviations, and log density over uniform."""
+        """Return log motions and couplings in sd, and their log density minus a uniform one's."""
         logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
         rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():

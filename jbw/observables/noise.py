@@ -52,7 +52,7 @@ def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
 
 
 def evenly(part: Observable) -> Observable | None:
-    """Return data whose groups have equal relative weights; None if weights have no such form."""
+    """Return data with each group weighted by its rms; None for a prior or free shifts."""
     groups = part.groups
     if groups.is_prior or part.own_shifts:
         return None

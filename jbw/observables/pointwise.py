@@ -1,4 +1,4 @@
-r"""The log likelihood of single records, and their size as the posterior draws predict it.
+r"""The log likelihood of single records, and their rms as the posterior draws predict it.
 
 The joint posterior integrates noise and offsets out. Given a draw of these too, records are
 independent, and the log likelihood of one record is
@@ -32,7 +32,7 @@ SEED = "seed of the draw"
 
 
 class RecordRows(NamedTuple):
-    """The records of one part of the dataset, in the form of its residual, group by group.
+    """The records of one part of the dataset, arranged like its residuals, group by group.
 
     Attributes:
         group: Number of the group of each record within the part.
@@ -80,7 +80,7 @@ def records_of(
     noise: Mapping[str, Float[np.ndarray, " draw"]],
     data: Dataset,
 ) -> RecordTerms:
-    """Return the log likelihood and the predicted size of every record at every draw.
+    """Return the log likelihood and the predicted relative rms of every record at every draw.
 
     Args:
         key: Random key for the offsets, the noise, and the chi-square of the predicted sizes.
@@ -105,7 +105,7 @@ def records_of(
 
 
 def record_rows(part: Observable) -> RecordRows:
-    """Return the records of one dataset part, in the form of its residuals."""
+    """Return the records of one part of the dataset, arranged like that part's residuals."""
     groups, mean = part.groups, np.asarray(part.mean)[:, None]
     single = single_records(mean[:, 0], groups)
     is_record = single.num_repeats > 0

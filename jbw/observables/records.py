@@ -486,7 +486,7 @@ class Records(Observable):
         return np.moveaxis(slope, 1, -1)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what records show without a model: an oscillator at a peak, the largest motion."""
+        """Return model-free estimates: an oscillator fitted to a peak, and the largest motion."""
         order = derivative_order(self.response)
         first_values, spectra = partial(_first_values, self), partial(_spectra, self)
         if self.modes is None:

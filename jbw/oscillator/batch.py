@@ -321,7 +321,7 @@ def _marched(
     stepping = jax.vmap(constants)(joints, gain)
 
     def seen(state: State, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
-        """Return the sums, with this sample added if it is compared, and the response at it."""
+        """Return the sums, including this sample if it is compared, and the response at it."""
         row, counts = piece.measured[sample], ends & (sample >= first)
 
         def of_lane(joint, gain, parts, state, totals):

@@ -29,7 +29,7 @@ _PERIOD_POINTS = 512
 
 
 def feels_rate(law: Law) -> bool:
-    """Return whether the force depends on the size of the velocity, not only on its sign.
+    """Return whether the force depends on the magnitude of the velocity, not only on its sign.
 
     A force that depends only on the sign of v has no such slope: it is equal in fast and slow
     motion.
@@ -196,7 +196,7 @@ def harmonics_by_moves(
 def force_by_moves(
     law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], omega: Scalar
 ) -> Float[Array, " time"]:
-    """Return the steady force over the second period of a motion; the first sets the memory."""
+    """Return the steady force in the second period of a motion; the first sets the memory."""
     y, v = synthesis(q, theta), omega * synthesis(q, theta, 1)
 
     def onward(carry: tuple, point: tuple) -> tuple[tuple, Array]:
@@ -210,7 +210,7 @@ def force_by_moves(
 
 
 def no_force(law: Law) -> str | None:
-    """Return a warning if a parameter is below its smallest allowed value, else None."""
+    """Return a warning if a parameter is below its smallest allowed value."""
     parameters = law.parameters()
     for quantity in law.table:
         least = float(np.min(np.asarray(parameters[quantity.name])))

@@ -145,7 +145,7 @@ class StepPath(NamedTuple):
 def passage(
     steady: Bool[Array, "..."] | bool, path: CubicPath, guess: Scalar, target: Scalar
 ) -> Scalar:
-    """Return when a path without a turning point reaches a displacement; return `guess` for others.
+    """Return when a path reaches a displacement; return `guess` for a path with a turning point.
 
     It takes one Newton step, with an error of O(h^3).
     """

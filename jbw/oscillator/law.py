@@ -104,7 +104,7 @@ class Law(eqx.Module):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning if the law may diverge within its prior bounds, else None."""
+        """Return a warning if the law may diverge within its prior bounds."""
         return None
 
     # -- of one law --------------------------------------------------------------------------------
@@ -151,7 +151,7 @@ class Law(eqx.Module):
 
     @property
     def feels_rate(self) -> bool:
-        """Whether the force depends on the size of the velocity, not only on its sign."""
+        """Whether the force depends on the magnitude of the velocity, not only on its sign."""
         return generic.feels_rate(self)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -258,7 +258,7 @@ class Law(eqx.Module):
         """Raise a ModelError if the law does not support `harmonics`; do nothing by default."""
 
     def doubts(self) -> str | None:
-        """Return a warning if the force may diverge for these parameters, else None."""
+        """Return a warning if the force may diverge for these parameters."""
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
@@ -290,7 +290,7 @@ def map_laws(function: Callable[..., Any], laws: Any, *others: Any) -> Any:
 
 
 def feels_rate(kind: type[Law]) -> bool:
-    """Return whether the force of a law class depends on the size of the velocity."""
+    """Return whether the force of a law class depends on the magnitude of the velocity."""
     return kind.build(dict.fromkeys(kind.names(), 1.0)).feels_rate
 
 
@@ -345,15 +345,15 @@ class ScaledLaw(Law):
         return self.law.force(self.length * y, speed, memory) / (self.unit * self.length)
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
-        """Return the rate of the original law's internal state at the displacement l q."""
+        """Return the rate of the original law's internal state at the unscaled displacement l q."""
         return self.law.rate(self.length * y, self.length * v, memory)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the original law's internal state after a move of the displacement l q."""
+        """Return the original law's internal state after a move of the unscaled displacement."""
         return self.law.move(self.length * y, memory, self.length * dy)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the original law's loop at amplitude l Y, divided by kappa."""
+        """Return the original law's loop at the unscaled amplitude l Y, divided by kappa."""
         loop = self.law.loop(self.length * y_peak, omega * jnp.sqrt(self.unit))
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 

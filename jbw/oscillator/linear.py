@@ -72,7 +72,7 @@ def impulse_moments(stiffness: Scalar, damping: Scalar, dt: Scalar, num: int) ->
 
 
 def _double(kappa, c, f_12, f_22, w_y, w_v):
-    r"""Return the moments for two steps: $W_j \leftarrow 2^{-j}(E W_j + \sum_i \binom{j}{i} W_i)$.
+    r"""Return the moments W_j of two steps: $W_j \leftarrow 2^{-j}(E W_j+\sum_i \binom{j}{i} W_i)$.
 
     The state is scaled to (y, h v); its unit of velocity doubles with the step.
     """

@@ -195,6 +195,6 @@ def of_opensees(*materials: Material) -> dict[str, Conversion]:
 
 
 def beyond_all_motion(name: str, bounds: tuple[float, float], y_peak: float) -> str | None:
-    """Return a warning if the prior includes gaps wider than the largest motion [m], else None."""
+    """Return a warning if the prior includes gaps wider than the largest motion [m]."""
     least, most = bounds
     return None if most <= y_peak else messages.prior_beyond_motion(name, least, most, y_peak)

@@ -265,7 +265,7 @@ def _shoot(
         lambda x: jnp.asarray(x, float), (joint, omega, amplitude)
     )
     unit, ratio, length = dimensionless(joint, omega, amplitude)
-    # y, y' and z/alpha over the length; the derivative is with respect to theta = omega t.
+    # y, y' and z/alpha divided by the length; the derivative is with respect to theta = omega t.
     scale = length * jnp.stack([jnp.ones_like(omega), omega, joint.alpha])
     if initial is None:
         q = 1.0 / (1.0 - ratio**2 + 2j * unit.zeta * ratio)

@@ -28,7 +28,7 @@ def unshared() -> Iterator[None]:
 
 
 def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, usual: Any) -> Any:
-    """Return `rare(operands)` for steps with a rare event, else `usual`.
+    """Return `rare(operands)` for steps with a rare event, and `usual` for all others.
 
     Args:
         met: Whether the step has met the event.

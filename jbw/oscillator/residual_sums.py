@@ -48,7 +48,7 @@ class Compared(eqx.Module):
 
 
 class Sums(NamedTuple):
-    """Sums over the compared samples: Q, s_k, and the largest response."""
+    """Sums over compared samples: squares Q, products s_k with given rows, the largest response."""
 
     square: Float[Array, "..."]
     along: Float[Array, "... row"]
@@ -67,7 +67,7 @@ class _Task(eqx.Module):
 def residual_sums(
     joint: Oscillator, source: HeldInput, fs: Scalar, substeps: int, compared: Compared
 ) -> Sums:
-    """Return the sums over a record's residual, differentiable in the joint and the gain.
+    """Return sums over the samples of a record's residual, differentiable in joint and gain.
 
     Args:
         joint: The oscillator; the exact step must support all of its laws.
@@ -85,7 +85,7 @@ def residual_sums(
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _sums(substeps: int, task: _Task) -> Sums:
-    """Return the sums over the residual by one time loop that accumulates them."""
+    """Return the sums of residuals over the samples, accumulated in one time loop."""
     rest = _at_rest(task)
     none = jnp.zeros(())
     # The rows are passed one by one: otherwise the loop would slice an array in every step.
@@ -111,7 +111,8 @@ def _sums(substeps: int, task: _Task) -> Sums:
         throw=False,
     )
     tree = jax.tree.structure((state, totals))
-    _, (square, along, peak) = jax.tree.unflatten(tree, [x[-1] for x in solution.ys])  # pyright: ignore
+    # pyright: ignore
+    _, (square, along, peak) = jax.tree.unflatten(tree, [x[-1] for x in solution.ys])
     return Sums(square, jnp.stack(along) if along else jnp.zeros(0), peak)
 
 
@@ -121,7 +122,7 @@ def _sums_jvp(substeps, primals, tangents):
 
 
 def _of_trajectory(substeps: int, task: _Task) -> Sums:
-    """Return the sums over the residual from stored states, which has derivatives."""
+    """Return the sums of residuals from stored states; unlike the time loop, differentiable."""
     compared = task.compared
     trajectory = solve(substeps, task.stepping, _at_rest(task))
     response = response_of(task.joint, compared.order, trajectory, task.force)[compared.first :]
@@ -145,7 +146,7 @@ def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
 
 
 def _added(task: _Task, state: State, substep: Array, totals: Any, every: int = 1) -> Any:
-    """Add the residual after a substep to the sums, if there is a compared sample."""
+    """Add the residual to the sums if a measured sample is compared at the end of this substep."""
     compared, (square, along, peak) = task.compared, totals
     n = substep // every
     counts = (substep % every == 0) & (n >= compared.first)

@@ -130,7 +130,7 @@ def _walk(
 
 
 def coefficient_of_variation(draws: Float[ArrayLike, "... draw"]) -> Float[Array, "..."]:
-    r"""Return the coefficient of variation of draws: sd over the modulus of the mean.
+    r"""Return the coefficient of variation of draws: sd divided by the modulus of the mean.
 
     Args:
         draws: Draws of a parameter.

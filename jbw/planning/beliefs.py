@@ -35,7 +35,7 @@ UNBOUNDED = 10.0
 
 
 class Mode(NamedTuple):
-    """One mode of the structure, for every possible joint."""
+    """One mode of the structure, for every drawn joint."""
 
     omega: Float[np.ndarray, " joint"]  # natural frequency [rad/s]
     # relative motion of the joint per unit response, relative to the first mode
@@ -44,7 +44,7 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True)
 class Beliefs:
-    """The possible joints of a plan, and what is known about their parameters before the test."""
+    """The drawn joints of a plan, and what is known about their parameters before the test."""
 
     joints: Draws  # values of all parameters and of `gain` for every joint, in their units
     names: tuple[str, ...]  # names of the inferred parameters
@@ -57,11 +57,11 @@ class Beliefs:
 
     @property
     def num_joints(self) -> int:
-        """The number of possible joints."""
+        """The number of drawn joints, each of which may be the true one."""
         return len(self.scale)
 
     def joint_by_joint(self) -> Iterator[dict[str, Array]]:
-        """Yield the parameters of one possible joint after another, by name."""
+        """Yield the parameters of one drawn joint after another, by name."""
         for i in range(self.num_joints):
             yield {name: jnp.asarray(values[i]) for name, values in self.joints.items()}
 
@@ -97,7 +97,7 @@ def usual_of(laws: tuple[str, ...]) -> dict[str, tuple[str, Range]]:
 def ranges_of(
     omega_n: Range, stated: Mapping[str, Range | None], laws: tuple[str, ...]
 ) -> dict[str, Range]:
-    """Return ranges of all parameters of a joint: stated ones, else defaults."""
+    """Return the ranges of all parameters of a joint, stated or default."""
     ranges = {"omega_n": omega_n, "zeta": stated["zeta"]}
     share_of = {stiffness: share for share, stiffness in shares_of(laws).items()}
     usual = usual_of(laws)
@@ -122,7 +122,7 @@ def before(
     seed: int,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Beliefs:
-    r"""Return possible joints from ranges of their parameters, each uniform in the logarithm.
+    r"""Return joints drawn from ranges of their parameters, each uniform in the logarithm.
 
     $$\mathrm{sd}(\log\theta) = \log(\theta_{max} / \theta_{min}) / \sqrt{12}$$
 
@@ -172,7 +172,7 @@ def before(
 
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
-    """Return possible joints from the draws of a run's main posterior."""
+    """Return joints drawn from a run's main posterior."""
     laws, posterior = laws_of_run(tree), tree["posterior"].to_dataset()
     names = parameter_names(laws)
     needed = [name for name in names if name != "gain"]

@@ -1,4 +1,4 @@
-"""The plan file: its typed tables, with possible joints, wanted accuracy and limits of tests."""
+"""The plan file: its typed tables, with ranges of parameters, wanted accuracy and test limits."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field

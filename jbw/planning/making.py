@@ -131,7 +131,7 @@ def plan_tests(
 
 
 def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return possible joints, noise and the unit of the input from a plan file."""
+    """Return drawn joints, noise and the unit of the input from a plan file."""
     if not description.ranges or description.noise is None:
         raise ConfigError(
             "A plan needs a description of the joint and its noise, or a run, but neither is "
@@ -151,7 +151,7 @@ def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | Non
 def _after(
     description: Description, rig: "Rig", tree: xr.DataTree
 ) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return possible joints, noise and the unit of the input from a run and a plan file."""
+    """Return drawn joints, noise and the unit of the input from a run and a plan file."""
     inferred = "gain" in tree["posterior"].data_vars
     if inferred and description.gain is not None:
         raise ConfigError(
@@ -237,7 +237,7 @@ def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
     return None
 
 
-# Information f_k along each mode over the prior's, and prior variance w_ik^2 along it.
+# Information f_k along each mode relative to the prior's, and prior variance w_ik^2 along it.
 InformationModes = tuple[Float[np.ndarray, "joint mode"], Float[np.ndarray, "joint parameter mode"]]
 
 

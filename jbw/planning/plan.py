@@ -65,7 +65,7 @@ class PlannedSweep:
 
 @dataclass(frozen=True)
 class PlannedTones:
-    """Steady tones, each in a record of its own."""
+    """Steady tones, each in a separate record."""
 
     level: float  # peak of the input [V, N or N/kg]
     frequencies_hz: tuple[float, ...]
@@ -97,7 +97,7 @@ class PlannedTones:
 class PlannedBackbone:
     """Points at phase resonance with a controlled amplitude, for several amplitudes in turn."""
 
-    level: float  # largest peak of the input, median over the joints [V, N or N/kg]
+    level: float  # largest peak of the input, median of the drawn joints [V, N or N/kg]
     amplitudes: tuple[float, ...]  # amplitudes of the displacement [m]
     dwell: float  # time on each step [s]
     settle: float  # first part of the dwell, in which the controller locks [s]
@@ -160,7 +160,7 @@ class Wish:
 
 @dataclass(frozen=True)
 class Expected:
-    """The expected coefficient of variation of a parameter over the possible joints [-]."""
+    """The expected coefficient of variation of a parameter for the drawn joints [-]."""
 
     median: float  # value that half of the joints do not exceed
     worst_decile: float  # value that nine joints in ten do not exceed; compared with the wanted one
@@ -172,13 +172,14 @@ class CandidateRow:
 
     test: str  # description of the test
     level: float  # peak of the input [V, N or N/kg]
-    y_peak: float  # predicted peak displacement, median over joints [m]
-    y_peak_largest: float  # predicted peak displacement, the largest over joints [m]
+    y_peak: float  # predicted peak displacement, median of the drawn joints [m]
+    y_peak_largest: float  # predicted peak displacement, largest of the drawn joints [m]
     repeats: int | None  # number of repeats for the wanted accuracy; None if more than allowed
     seconds_each: float  # measuring time of one repeat [s]
     seconds: float | None  # measuring time of all repeats [s]
     cv: dict[str, Expected]  # CV of each parameter after these repeats, or after the allowed number
-    information_gain: float  # expected information gain of one repeat, mean over joints [nats]
+    # expected information gain of one repeat, mean of the drawn joints [nats]
+    information_gain: float
     status: str
     # reasons against the test, and parameters that it does not determine
     notes: tuple[str, ...] = ()
@@ -211,7 +212,7 @@ class MeasurementPlan:
     rows: tuple[CandidateRow, ...]
     combination: Combination  # tests that reach the wanted accuracy together
     wish: Wish
-    num_joints: int  # number of possible joints over which all numbers are taken
+    num_joints: int  # number of drawn joints from which all medians and deciles are taken
     before: dict[str, Expected]  # CV of each parameter before any of these tests
     notes: tuple[str, ...] = ()  # assumptions of the plan
 

@@ -92,7 +92,7 @@ READ = {
     PlannedSteppedSine: planning.THIRD_HARMONIC,
     PlannedBackbone: planning.NATURAL_FREQUENCY,
 }
-# Values that a table leaves out follow from the possible joints.
+# Values that a table leaves out follow from the drawn joints.
 Grid = SweepTable | TonesTable | BackboneTable
 GRIDS: dict[str, type[Grid]] = {
     "sweep": SweepTable,
@@ -204,7 +204,7 @@ def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
 
 
 def _aimed(shape: PlannedSweep, level: float, y: float, beliefs: Beliefs) -> float:
-    """Return the level at which a sweep moves the most responsive possible joint by y."""
+    """Return the level at which a sweep moves the most responsive drawn joint by y."""
     for _ in range(NUM_TRIES):
         peaks = peak_displacements(replace(shape, level=level), beliefs)
         bounded = peaks[np.isfinite(peaks)]
@@ -257,7 +257,7 @@ def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Plan
 
 
 def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
-    """Return the frequencies [Hz] of a stepped sine over the resonances of all possible joints.
+    """Return a stepped sine's frequencies [Hz], which cover the resonances of all drawn joints.
 
     The lowest resonance is that at the largest displacement, the highest that of small motion.
     """
@@ -269,7 +269,7 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
 
 
 def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
-    """Return inputs that bring the most responsive possible joint to the target displacements."""
+    """Return inputs that bring the most responsive drawn joint to the target displacements."""
     gain = np.abs(beliefs.joints["gain"])  # The sign of the gain does not change the motion.
     return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in reach.goals]
 
@@ -299,7 +299,7 @@ def _times(grid: TonesTable, beliefs: Beliefs) -> tuple[float, float]:
 
 
 def _decay(beliefs: Beliefs) -> float:
-    """Return the time in which the least damped possible joint decays to a thousandth [s]."""
+    """Return the time in which the least damped drawn joint decays to a thousandth [s]."""
     return _rounded(float(np.max(DECAY / (beliefs.joints["zeta"] * beliefs.joints["omega_n"]))))
 
 

@@ -1,4 +1,4 @@
-"""The predicted information and peak displacement of a candidate test for each possible joint."""
+"""The predicted information and peak displacement of a candidate test for each drawn joint."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,13 +30,13 @@ from jbw.verification.in_time import responses_at
 # A planned test in the form of data for the model, and 1 for each measured value.
 Design = tuple[Dataset, Float[np.ndarray, " value"]]
 SUBSTEPS = 1  # One step per sample gives derivatives accurate to a few parts in a thousand.
-RELATIVE_STEP = 1e-5  # step of finite differences; their error is its square over the damping ratio
+RELATIVE_STEP = 1e-5  # step of finite differences; their error is its square / damping ratio
 NUM_PHASES = 256  # number of points of a period at which its peak is searched
 
 
 @dataclass(frozen=True)
 class Prospect:
-    """The information and peak displacement of a candidate test for every possible joint."""
+    """The information and peak displacement of a candidate test for every drawn joint."""
 
     candidate: Candidate
     # Fisher information of one repeat; zero if the model has no solution for that joint
@@ -46,7 +46,7 @@ class Prospect:
 
     @property
     def num_lost(self) -> int:
-        """The number of possible joints for which the model has no solution."""
+        """The number of drawn joints for which the model has no solution."""
         return int(np.sum(~np.isfinite(self.y_peak)))
 
 
@@ -57,7 +57,7 @@ def prospects(
     report: Callable[[str], None] = lambda _: None,
     parts: Parts = unkept,
 ) -> tuple[Prospect, ...]:
-    """Return information and peak displacement of candidate tests for every possible joint.
+    """Return information and peak displacement of candidate tests for every drawn joint.
 
     The results of each candidate are stored in `parts`, so that an interrupted plan can continue.
 

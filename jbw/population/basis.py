@@ -1,4 +1,4 @@
-"""An unmeasured unit in the form of a run that predicts: its draws and the data for predictions."""
+"""An unmeasured unit as a run that predicts: draws of its parameters, and data for predictions."""
 
 import json
 from typing import Any

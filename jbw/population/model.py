@@ -74,7 +74,7 @@ def population_model(
 def population_of_units(
     design: CovariateDesign, prior: Prior
 ) -> tuple[Float[Array, "unit d"], Float[Array, "d d"]]:
-    """Sample a population's parameters in NumPyro; return its units' means and the root of T.
+    """Sample a population's parameters in NumPyro; return units' means and the covariance's root.
 
     The sites are `line` (d, covariate), `tau`, `root` (the Cholesky root of the correlations) and,
     where a coordinate saturates, `u`.
@@ -115,7 +115,7 @@ def log_weights(
     means: Float[Array, "unit d"],
     factor: Any,
 ) -> Float[Array, "which draw"]:
-    """Return the log weights of a unit's draws, for a population's means and Cholesky root of T."""
+    """Return a unit's log weights of draws, given population means and the covariance's root."""
     apart = jnp.asarray(units.draws[which]) - means[which][:, None]
     # One small inverse for all draws is thirty times faster than a solution for every draw.
     root = jax.scipy.linalg.solve_triangular(factor, jnp.eye(len(factor)), lower=True)

@@ -16,7 +16,7 @@ from jbw.report.style import INK, MODEL, SOFT, Panels, finish, panels, title
 from jbw.report.text import axis_label, length_unit, number, percent, plain
 
 JOINTS, ASSEMBLY = "joints", "assembly"
-EXAGGERATED = 0.12  # largest deflection over the structure's largest extent
+EXAGGERATED = 0.12  # largest deflection, divided by the structure's largest extent
 MOST_MODES, COLUMNS = 6, 2
 MOST_NAMED = 3  # joints named in a title
 ISOMETRIC = np.array([[np.sqrt(0.75), -np.sqrt(0.75), 0.0], [-0.5, -0.5, 1.0]])

@@ -128,7 +128,7 @@ def _verdict(figure: Figure, top: float, summary: RunSummary, quantities: Any) -
 
 
 def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
-    """Draw the backbone over amplitude: frequency and damping ratio, measured points, legend."""
+    """Draw the backbone against amplitude: frequency, damping ratio, measured points, legend."""
     indent, gap, below = 0.62, 0.75, 0.78
     wide = (ROOM - indent - gap) / 2
     high = FIGURE - below
@@ -318,7 +318,7 @@ def _table(
 
 
 def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: Any) -> float:
-    """Write one line on the brief, shortened to the page's width; return the next position."""
+    """Write one line on the brief, shortened to the page's width; return the next height."""
     size = float(look.get("size", USUAL["size"]))
     shortened = _shortened(text, ROOM - indent, size, str(look.get("weight", "normal")))
     _put(figure, MARGIN + indent, top, shortened, **look)
@@ -326,7 +326,7 @@ def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: An
 
 
 def _paragraph(figure: Figure, top: float, text: str, most: int, indent: float = 0.0) -> float:
-    """Write a text on the brief in at most `most` lines; return the next position."""
+    """Write a text onto the one-page brief in at most `most` lines; return the next height."""
     for line in _broken(text, ROOM - indent, USUAL["size"], most):
         top = _line(figure, top, line, indent=indent)
     return top - 0.03

@@ -209,7 +209,7 @@ def shared_limit(sizes: Sequence[int], total: int) -> int:
 
 
 def decimated(points: CurvePoints, most: int) -> CurvePoints:
-    """Reduce a curve to the extremes of each stretch of its abscissa, about `most` points.
+    """Reduce a curve to the extremes of each segment of its abscissa, about `most` points.
 
     Each part between NaN values keeps its first and last point, so that a band stays closed and a
     gap stays a gap. A curve of `most` points or fewer is returned unchanged.
@@ -217,7 +217,7 @@ def decimated(points: CurvePoints, most: int) -> CurvePoints:
     size = len(points.x)
     if size <= most:
         return points
-    width = max(1, int(np.ceil(2 * size / max(most, 1))))  # Two points remain of each stretch.
+    width = max(1, int(np.ceil(2 * size / max(most, 1))))  # Two points remain of each segment.
     gaps = np.flatnonzero(~(np.isfinite(points.x) & np.isfinite(points.y)))
     ends = np.concatenate([[-1], gaps, [size]])
     indices = [gaps]
@@ -230,7 +230,7 @@ def decimated(points: CurvePoints, most: int) -> CurvePoints:
 
 
 def _extremes(y: Values, width: int) -> np.ndarray:
-    """Return the indices of each stretch's least and largest value, and of both ends."""
+    """Return the indices of each segment's least and largest value, and of both ends."""
     starts = np.arange(0, len(y), width)
     padded = np.append(y, np.full(-len(y) % width, y[-1])).reshape(-1, width)
     extremes = (starts + padded.argmin(axis=1), starts + padded.argmax(axis=1))

@@ -1,4 +1,4 @@
-"""The figures of hysteresis loops with their areas, and of frequency and damping over amplitude."""
+"""The figures of hysteresis loops with areas, and of frequency and damping against amplitude."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -45,7 +45,7 @@ class Areas(NamedTuple):
 
 
 def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
-    """Return a test's loop areas (with viscous force for `_viscous`); None if they are missing."""
+    """Return a test's loop areas (suffix `_viscous`: with viscous force); None if missing."""
     names = (f"measured_area{ending}", f"model_area{ending}")
     if any(name not in test for name in names):
         return None
@@ -171,7 +171,7 @@ def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
 
 
 def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
-    """Return the stretches of a displacement between its main turning points, as slices.
+    """Return the segments of a displacement between its main turning points, as slices.
 
     Turning points that differ by less than `least` of the whole range are ignored.
     """

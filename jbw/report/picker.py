@@ -14,7 +14,7 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.resonances import swept
 from jbw.report.page import ENVIRONMENT
 
-NUM_SHOWN = 1500  # spectral lines shown for a test, the largest of each stretch of frequencies
+NUM_SHOWN = 1500  # spectral lines shown for a test, the largest of each interval of frequencies
 # Number of neighbouring lines whose mean power is shown for a line, since single lines vary
 # strongly.
 NEAR_LINES = 9
@@ -206,7 +206,7 @@ def _of_curves(test: Test) -> ShownSpectrum:
 
 
 def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
-    """Reduce a spectrum for display: keep the largest spectral line of each stretch."""
+    """Reduce a spectrum for display: keep the largest line of each interval of frequencies."""
     width = -(-len(spectrum.size) // NUM_SHOWN)
     starts = range(0, len(spectrum.size), width)
     largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]

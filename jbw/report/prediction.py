@@ -37,7 +37,7 @@ LOOKS = {
 
 
 def prediction(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw the bands of a predicted test, by the report's figure for such a test.
+    """Draw the bands of a predicted test with the report's figure for its kind of test.
 
     The bands are the result of `jbw.verification.predict`.
     """

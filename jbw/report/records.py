@@ -16,7 +16,7 @@ from jbw.report.result import fitted_text, frequency, level_text, quantiles, tes
 from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, shade, title
 from jbw.report.text import axis_label, percent, plain
 
-# Number of stretches of a whole record whose extremes are drawn, as many as the figure has points
+# Number of segments of a whole record whose extremes are drawn, as many as the figure has points
 # across.
 COLUMNS = 1000
 FEWER = 300  # the same number if three panels share the width
@@ -33,7 +33,7 @@ Samples = Float[np.ndarray, " time"]
 def extremes(
     time: Samples, lower: Samples, upper: Samples, count: int | None = COLUMNS
 ) -> tuple[Float[np.ndarray, " bin"], Float[np.ndarray, " bin"], Float[np.ndarray, " bin"]]:
-    """Return the extremes of a band in `count` stretches of time, to draw a long record.
+    """Return the extremes of a band in `count` intervals of time, to draw a long record.
 
     They are the minima of `lower` and the maxima of `upper`; with None nothing is thinned.
     """

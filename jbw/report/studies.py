@@ -30,7 +30,7 @@ def comparison(record: StoredSamplers, ax: Any = None) -> Panels:
 
 
 def means(record: StoredSamplers, parameter: str, ax: Axes | None = None) -> Axes:
-    """Plot one parameter's mean for each sampler with Monte Carlo errors, over the reference's.
+    """Plot each sampler's mean of one parameter minus the reference's, with Monte Carlo errors.
 
     Bars show +- 2 Monte Carlo errors, in standard deviations of the reference.
     """

@@ -121,7 +121,7 @@ def finish(axes: Panels, ax: Any, below: str = "", ylabels: str | Sequence[str] 
 
 
 def _columns(names: Sequence[str]) -> int:
-    """Return the number of columns of a legend that fits the figure."""
+    """Return the largest number of columns with which a legend fits the figure's width."""
     for count in range(len(names), 1, -1):
         columns = np.array_split(np.array([len(name) + 7 for name in names]), count)
         if sum(column.max() for column in columns) <= LETTERS:

@@ -300,7 +300,7 @@ def loops_table(tree: xr.DataTree) -> Table:
 
 
 def _areas(measured: np.ndarray, model: np.ndarray) -> tuple[str, str, str, str]:
-    """Return texts on a measured area, the model's area, and whether their bands meet."""
+    """Return texts on measured and model loop areas, and whether their intervals overlap."""
     sd = (model[2] - model[0]) / BAND_SDS
     low, middle, high = (number(end, sd) for end in measured)
     own = f"{middle} ({low} to {high})" if measured[0] < measured[2] else middle

@@ -1,4 +1,4 @@
-"""The content of a run's `summary.json` as types, one per thing that people name.
+"""The content of a run's `summary.json` as types, one type per concept of the summary.
 
 A run is read into these types once, and every reader takes attributes. A field that a file lacks
 has its default; an entry without a field is kept. What was read is therefore written unchanged.

@@ -313,7 +313,7 @@ class _Mesh:
 
 
 def bending_stiffness(length: float) -> Float[np.ndarray, "4 4"]:
-    """Return an element's stiffness per unit EI, in (w_1, theta_1, w_2, theta_2), theta = w'."""
+    """Return a beam element's stiffness per unit EI in (w_1, theta_1, w_2, theta_2), theta = w'."""
     L = length
     return (
         np.array(

@@ -69,7 +69,7 @@ class BoucWenForce(Force):
 
 
 class BoucWenNuForce(Force):
-    """The Bouc-Wen force of Eq. (2) with any nu, whose stretch w = Z / alpha [m] is integrated."""
+    """The Bouc-Wen force of Eq. (2) with any nu, from its spring's stretch w = Z / alpha [m]."""
 
     nu_stiffness: Scalar
     nu_softening: Scalar
@@ -82,11 +82,11 @@ class BoucWenNuForce(Force):
         return self.nu_stiffness
 
     def at_rest(self) -> Kept:
-        """Return zero stretch as the initial state."""
+        """Return an unstretched spring as the initial state."""
         return 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return the rate of the stretch w [m/s]."""
+        """Return the rate at which the spring stretches, dw/dt [m/s]."""
         size = (abs(z) / MILLIMETRE) ** self.nu
         return v - self.nu_softening * v * size - self.nu_opening * abs(v) * jnp.sign(z) * size
 
@@ -121,11 +121,11 @@ class WornForce(Force):
         return self.bwbn_stiffness
 
     def at_rest(self) -> Kept:
-        """Return zero stretch and zero damage as the initial state."""
+        """Return an unstretched, undamaged spring as the initial state."""
         return jnp.zeros(2)
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return the rates of the stretch w and of the energy that determines damage [1/s]."""
+        """Return the rates of the spring's stretch w and of the energy behind its damage [1/s]."""
         w, energy = z
         s, nu = jnp.sign(v), 1.0 + self.bwbn_delta_nu * energy
         zeta_1 = self.bwbn_zeta_s * (1.0 - jnp.exp(-self.bwbn_p * energy))

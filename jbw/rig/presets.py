@@ -15,7 +15,7 @@ mm: its lowest level equals the strongest of `laboratory`. Steady tones at reson
 mm.
 
 `mixed` is a short campaign of many kinds of test, with the shaker's force measured in newtons, so
-that one factor, one over the modal mass, applies to the shaken tests and the forced loop alike. No
+that one factor, one / modal mass, applies to the shaken tests and the forced loop alike. No
 kind is measured well enough to be sufficient alone: noise determines the linear joint, tones near a
 third of the resonance its third harmonic, the stepped sine and the sweeps the whole joint, decays
 the dissipation, and the loop the stiffness without the resonance.
@@ -103,7 +103,7 @@ class Preset:
     """A rig and its programme of tests."""
 
     name: str  # name of the preset
-    # Force per unit mass and volt [N/kg/V], or per newton: one over the modal mass [1/kg].
+    # Force per unit mass and volt [N/kg/V], or per newton: the reciprocal of the modal mass [1/kg].
     gain: float
     input_range: float  # full scale of the recorded source, a power of two [V or N]
     velocity_range: float  # full scale of the laser, a power of two [m/s]

@@ -235,7 +235,7 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 
 
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
-    """Return the running mean over Step 4's draws of the simulated velocity's energy."""
+    """Return the running mean, along Step 4's draws, of the simulated velocity's energy."""
     test = sweeps.fitted[-1]
     whole = replace(test, records=test.records[:1], settle=0.0, band_hz=None)
     data = Records.of([whole], laws=DEFAULT_LAWS, substeps=SUBSTEPS)

@@ -84,7 +84,7 @@ def compare(
 
 
 def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source: str) -> str | None:
-    """Return the sentence on the response of modes outside the band, a constant; else None.
+    """Return the sentence on the constant response of modes outside the band, if it is modelled.
 
     `source` is the unit of the quantity that drives the tests.
     """

@@ -57,7 +57,7 @@ class Identifiability:
     # what the data determine before sampling: combinations, parameters and products
     information: Information
     profiles: dict[str, Profile]  # profile of every parameter, if profiles were requested
-    # Only after sampling: 1 minus posterior over prior variance, and the change of each mean when
+    # Only after sampling: 1 - posterior / prior variance, and the change of each mean when
     # the prior range shrinks by a tenth.
     contraction: dict[str, float] = field(default_factory=dict)
     sensitivity: dict[str, Sensitivity] = field(default_factory=dict)

@@ -72,7 +72,8 @@ MEANING = {
     "frequency_sd": "standard deviation of frequency",
     "damping_sd": "standard deviation of damping",
 }  # fmt: skip
-# Change of secant stiffness over equal cycles [share]; the test rig alone causes smaller changes.
+# Relative change of secant stiffness during equal cycles; the test rig alone causes smaller
+# changes.
 WORN = 0.02
 # Change relative to half width or damping; noise in a clear resonance causes smaller changes.
 CLEAR = 0.2
@@ -359,7 +360,7 @@ def _finite(value: Any) -> float | None:
 
 
 def _scatter(test: Test) -> float | None:
-    """Return the repeats' standard deviation over the rms of their mean; None if incomparable."""
+    """Return the repeats' standard deviation relative to their mean's rms; None if incomparable."""
     records = test.records
     sizes = {record.num_samples for record in records}
     if len(records) < 2 or len(sizes) > 1 or not (test.traits.is_transient):
@@ -516,7 +517,7 @@ class Nonlinear(NamedTuple):
 
 
 def _worn(loop: StoredLoop) -> str | None:
-    """Return the sentence on a change of stiffness over equal cycles; None if it is small."""
+    """Return the sentence on a change of stiffness during equal cycles; None if it is small."""
     changes = {
         number: cycle.retained - 1
         for number, cycle in enumerate(loop.cycles, start=1)
@@ -583,7 +584,7 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
-    """Return whether differences between records depend on the "runs" or their "order", else ""."""
+    """Return "runs" or "order" if differences between records depend on it; empty otherwise."""
     count = len(offsets)
     groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
     if 1 < len(groups) < count:

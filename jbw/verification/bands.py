@@ -17,12 +17,12 @@ QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})
 
 
 def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
-    """Return the rms error of a prediction over the rms of the measured values."""
+    """Return the rms error of a prediction, divided by the rms of the measured values."""
     return float(np.linalg.norm(measured - predicted) / np.linalg.norm(measured))
 
 
 def half_width(edges: NDArray[np.float64], measured: NDArray[Any]) -> float:
-    """Return half the rms width of a band over the rms of the measured values.
+    """Return half the rms width of a band, divided by the rms of the measured values.
 
     If this is large, a band that contains every value says little.
     """
@@ -75,7 +75,7 @@ def recentred(
 def about_law(
     model: Shaped[np.ndarray, " draw *value"], others: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Shift draws to the law's own prediction, if there is one; return the other references."""
+    """Shift draws to the law's own prediction, if any; return them with the other predictions."""
     rest = {name: values for name, values in others.items() if name != LAW}
     return (recentred(model, others[LAW]) if LAW in others else model), rest
 

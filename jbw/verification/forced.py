@@ -149,7 +149,7 @@ class ForcedTests:
         yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
 
     def points(self, test: Test) -> Placed:
-        """Yield the comparisons of the points of a controlled test."""
+        """Yield the comparison of a controlled test's points with the model."""
         for name, predicted in predict_apart(self.beside(test), test):
             yield self.marked("controlled", name, test, predicted)
 

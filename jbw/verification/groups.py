@@ -31,7 +31,7 @@ class Group(NamedTuple):
 
 
 def _observable(test: Test) -> type[Observable] | None:
-    """Return the likelihood class of a test that is compared by data groups alone; else None."""
+    """Return a test's likelihood class if the test is compared by data groups alone."""
     taking = (kind for kind in OBSERVABLES if test.kind in kind.kinds and not kind.own_shifts)
     return next(taking, None) if test.traits.is_plain or test.traits.is_controlled else None
 

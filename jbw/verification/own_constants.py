@@ -33,7 +33,7 @@ def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tupl
     size = np.linalg.norm(columns_in_band, axis=1)[:, None]
 
     def added(response: Time) -> Time:
-        """Return the response to constants U and L that fits a prediction to the measurement."""
+        """Return the response of constants U and L, fitted to measured minus predicted values."""
         residual = np.asarray(data.mean[0]) - in_band(response, data.lines)
         return np.linalg.lstsq((columns_in_band / size).T, residual)[0] @ (columns / size)
 

@@ -45,7 +45,7 @@ class Request:
 
 
 def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Dataset:
-    """Predict bands on a test of any kind, fitted by the run or not, from its posterior.
+    """Predict bands for a test from a run's posterior; the test may be of any kind, fitted or not.
 
     A test whose response is NaN throughout is a planned test.
 
@@ -159,7 +159,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """Return the model for predicting a test: among compared laws, by kind and amplitude."""
+    """Return the model that predicts a test: among compared laws, chosen by kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):
@@ -170,7 +170,7 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 
 
 def _reach(basis: Basis, test: Test, request: Request) -> float:
-    """Return a test's largest displacement over the largest fitted one, from a few draws."""
+    """Return a test's largest displacement relative to the largest fitted one, from a few draws."""
     if route_of(test) is predict_decay:
         return 1.0  # Before the prediction, the displacement is unknown.
     gain = _gain_for(basis, test, request)

@@ -182,7 +182,7 @@ class Basis:
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
 
     def model_error(self, test: Test, missed: AtAmplitude) -> float:
-        """Return the law's relative error of a test's response, apart from omega_n and zeta."""
+        """Return the law's relative error of a test's response, less that of omega_n and zeta."""
         return 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind, missed)
 
     def scatters(self, test: Test) -> bool:

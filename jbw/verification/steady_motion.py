@@ -1,4 +1,4 @@
-"""Comparison of steady motion over time: force loops, multisines, loops under a tone."""
+"""Comparison of steady motion in the time domain: force loops, multisines, loops under a tone."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -37,7 +37,7 @@ class Belief(NamedTuple):
     # number of records that would give the same knowledge of the mean
     kappa: Float[np.ndarray, "*runs"]
     nu: Float[np.ndarray, "*runs"]  # degrees of freedom nu
-    psi: Float[np.ndarray, "*batch p p"]  # scale matrix Psi: sum of squares
+    psi: Float[np.ndarray, "*batch p p"]  # scale matrix Psi, a sum of squared values
 
 
 class RunLength(NamedTuple):

@@ -25,7 +25,7 @@ Matrix = Float[np.ndarray, "p p"]
 
 
 class ReferenceReadings(NamedTuple):
-    """The number, mean and covariance (over `num` - 1) of reference values without change."""
+    """Number, mean and covariance (divided by `num` - 1) of reference values without change."""
 
     num: int
     mean: Float[np.ndarray, "*batch p"]

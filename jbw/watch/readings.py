@@ -32,7 +32,7 @@ from jbw.verification.backbone import curves_of_response
 from jbw.verification.predicted import carry
 from jbw.watch.statement import Trend
 
-# Factor of amplitude above the measured one from which on other modes are searched.
+# Other modes are searched while the amplitude falls from this multiple of the measured one to it.
 WIDTH = np.sqrt(1.4)
 FEWEST = 64  # smallest number of samples in which other modes can be searched
 OTHER_MODES = 0.02  # largest allowed amplitude of other modes, relative to that of the mode
@@ -155,8 +155,6 @@ def _other_modes(record: Record, test: Test, amplitude: float, hz: float, zeta: 
 
     The spectrum is that of the displacement, which makes the joint slip, over the time in which it
     falls by a sixth.
-
-    It is that of the displacement, which makes the joint slip, while it falls by a sixth.
     """
     x = record.channels[record.response][round(test.settle * record.fs) :]
     chosen = band_filter(filter_of(test).band_hz, record.fs)

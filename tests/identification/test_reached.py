@@ -14,15 +14,15 @@ EVEN = np.linspace(0.0, 1.0, 1001)  # its 99 % band is from 0.005 to 0.995
     [
         (
             1e-3,
-            "1.5 [1, 2] times the largest motion: the tests did not reach it, so that only the "
-            "prior determines K",
+            "1.5 [1, 2] times the largest motion: the tests did not reach this motion, so that "
+            "only the prior determines K",
         ),
         (
             1.5e-3,
-            "times the largest motion: the tests may have reached it, so that the prior helps to "
-            "determine K_T",
+            "times the largest motion: the tests may not have reached this motion, so that the "
+            "prior helps to determine K_T",
         ),
-        (3e-3, "0.5 [0.33, 0.67] times the largest motion: the tests reached it."),
+        (3e-3, "0.5 [0.33, 0.67] times the largest motion: the tests reached this motion."),
     ],
 )
 def test_macroslip_is_told_beside_the_largest_motion(y_peak, says):
@@ -43,10 +43,10 @@ def test_a_gap_wider_than_all_motion_is_told_of_the_posterior():
         "contact at 2.5 mm [2, 3], 2.5 [2, 3] times the largest motion: the tests did not reach"
         in said
     )
-    assert "only the prior determines the parameters behind the gap" in said
+    assert "only the prior determines the parameters that act once the gap closes" in said
     stop = {"stop_stiffness": 700.0, "stop_gap": 1e-3 + 1e-3 * EVEN}
     assert (
-        "did not reach it, so that only the prior determines its stiffness"
+        "did not reach this motion, so that only the prior determines its stiffness"
         in (threshold_sentences(stop, 1e-4, ("stop",))[0])
     )
 
@@ -57,7 +57,7 @@ def test_each_slider_is_told():
     (said,) = threshold_sentences(theta, 1e-3, ("jenkins_2",))
     first, second = said.split("; ")
     assert "slider 1 at 0.5 mm [0.5, 0.5], 0.5 [0.5, 0.5] times the largest motion: the" in first
-    assert "the tests reached it" in first
+    assert "the tests reached this motion" in first
     assert second.startswith("slip of slider 2 at 2.3 mm [2.1, 2.5], 2.3")
     assert threshold_sentences(theta, 0.0, ("jenkins_2",)) == []
     assert threshold_sentences({"cubic": EVEN}, 1e-3, ("cubic",)) == []

@@ -98,9 +98,9 @@ EXAMPLES = {
         ),
         effects.masing((0.4, 0.5, 0.6), 0.5, effects.SLIDERS, (0.4, 0.5, 0.6)),
         effects.smooth_alternative((0.4, 0.5, 0.6), (0.4, 0.5, 0.6)),
-        effects.threshold((1e-4, 2e-4, 3e-4), 1e-3, "the parameters behind the gap"),
-        effects.threshold((5e-4, 1e-3, 2e-3), 1e-3, "the parameters behind the gap"),
-        effects.threshold((2e-3, 3e-3, 4e-3), 1e-3, "the parameters behind the gap"),
+        effects.threshold((1e-4, 2e-4, 3e-4), 1e-3, "the parameters that act once the gap closes"),
+        effects.threshold((5e-4, 1e-3, 2e-3), 1e-3, "the parameters that act once the gap closes"),
+        effects.threshold((2e-3, 3e-3, 4e-3), 1e-3, "the parameters that act once the gap closes"),
     ],
     "instruments": [
         instruments.with_shaker("voltage"),

@@ -89,7 +89,7 @@ def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixMode
 
 
 class _Matrix(NamedTuple):
-    """A matrix, with the degrees of freedom of its rows if its file has them."""
+    """A matrix, with the degree of freedom of each row if its file states them."""
 
     matrix: Any
     dofs: Sequence[Dof] | None

@@ -36,7 +36,8 @@ from jbw.paper.objectives import kernel_energy
 from jbw.report.messages import paper_steps as messages
 
 NAMES = ("zeta", "alpha", "delta")
-# Half widths of the prior ranges of Teloli et al. over their centres: alpha in [424.31, 589.61] is
+# Half widths of the prior ranges of Teloli et al., divided by their centres: alpha in [424.31,
+# 589.61] is
 # 507 +- 16.3 %.
 PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
 SAMPLERS = {
@@ -147,7 +148,7 @@ def third_order_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample zeta, alpha and delta by (36) with NUTS, the original random walk, and a tuned one.
+    """Sample zeta, alpha and delta by Eq. (36) with NUTS, the original random walk, a tuned one.
 
     NUTS and the tuned walk use coordinates along the ridge alpha*delta, from wall to wall of the
     box, with the noise integrated out. The walk of Teloli et al. uses the box itself, with the

@@ -38,7 +38,7 @@ from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 TOLERANCE = 1e-10  # relative tolerance of the sum of squares and of the step
 STEP = 1e-5  # step of a difference in the search coordinate (0 to 1): error 1e-10, rounding 1e-11
-# Widest difference at an optimum in the search coordinate; over wider ones a residual is curved.
+# Widest difference at an optimum in the search coordinate; in wider ones a residual is curved.
 WIDEST = 0.02
 # range of standard errors' ratios at which differences are wide enough; largest number of rounds
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12

@@ -145,7 +145,7 @@ def describe_optimum(
 
 
 def _definite(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a covariance, made positive definite if rounding has spoiled that.
+    """Return a covariance, made positive definite if rounding has made it indefinite.
 
     If a sum is determined far better than its terms, rounding may make an eigenvalue of the
     correlations negative.

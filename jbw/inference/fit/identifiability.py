@@ -137,7 +137,7 @@ def _determined(
 
 
 def combination(names: Sequence[str], exponents: NDArray[np.float64], logs: bool) -> str:
-    """Return a text on a product of powers (a sum without `logs`), with rounded exponents."""
+    """Return a text of a product of powers, or of a sum without `logs`, with rounded numbers."""
     parts = [
         (name, _rounded(float(exponent)))
         for name, exponent in zip(names, exponents, strict=True)

@@ -44,7 +44,7 @@ MOST_FURTHER = 6  # largest number of points beyond that range, each twice as fa
 MOST_EVALUATIONS = 12  # evaluations per point, since the optimum of the neighbouring point is close
 TOLERANCE = 1e-7  # relative tolerance of the cost and of the step
 ON_BOUND = 1e-6  # A fit closer to a bound than this part of the prior's width lies on it.
-STEEP = 1.5  # largest change between two points, in sd, over which a profile is taken as a line
+STEEP = 1.5  # largest change between two points, in sd, within which a profile is taken as a line
 # largest number of halvings of the interval in which a profile crosses its threshold
 MOST_HALVINGS = 6
 
@@ -80,7 +80,7 @@ class QuantityInformation:
 
     @property
     def relative(self) -> float:
-        """The standard deviation over the value; infinite at zero."""
+        """The standard deviation divided by the value; infinite at zero."""
         return self.sd / abs(self.value) if self.value else math.inf
 
 

@@ -43,7 +43,7 @@ class Floor(NamedTuple):
     Attributes:
         held: Index of the fixed parameter.
         points: All parameters, with the others at their optimum.
-        slopes: Derivatives of the others' optimum by the fixed parameter.
+        slopes: Derivatives of the others' optimum with respect to the fixed parameter.
         chi_square: Chi-square at the points.
         roots: Lower triangular roots of the others' covariance at the points.
     """
@@ -86,7 +86,7 @@ class Valley(Coordinate):
     def _at(
         self, q: Float[Array, ""]
     ) -> tuple[Float[Array, " other"], Float[Array, "other other"]]:
-        """Return the valley's bottom and root; beyond its points, extrapolated and constant."""
+        """Return the valley's bottom (extrapolated beyond its points) and root (constant there)."""
         i = jnp.clip(jnp.searchsorted(self.knots, q) - 1, 0, self.knots.size - 2)
         length = self.knots[i + 1] - self.knots[i]
         part = jnp.clip((q - self.knots[i]) / length, 0.0, 1.0)
@@ -133,7 +133,7 @@ def along_valley(
 
 
 def _moments(floor: Floor, coordinate: Composed) -> tuple[float, float]:
-    r"""Return the mean and variance of $e^{-\chi^2(q) / 2}\,|\det|$ along the valley, at w = 0."""
+    r"""Return the mean and variance of q along the valley under $e^{-\chi^2(q) / 2}\,|\det|$."""
     size, knots = floor.points.shape[1], floor.points[:, floor.held]
     q = np.linspace(knots[0], knots[-1], NUM_POINTS)
     x = jnp.zeros((NUM_POINTS, size)).at[:, floor.held].set(jnp.asarray(q))

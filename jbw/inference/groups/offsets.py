@@ -179,7 +179,7 @@ def shrunk(
     runs: tuple[int, ...],
     scatter: Float[Array, " own"],
 ) -> tuple[list[Float[Array, "_group _value"]], Float[Array, "run own"]]:
-    r"""Return residuals minus the effect of optimal run offsets, and offsets over their scatter.
+    r"""Return residuals less the effect of optimal run offsets, and offsets per standard deviation.
 
     $$\hat b_r = (W_r + S^{-1})^{-1} \sum_{g \in r} J_g r_g, \qquad r_g - J_g^T \hat b_r,
       \qquad S^{-1/2}\,\hat b_r$$

@@ -30,8 +30,8 @@ BFMI = 0.3
 FAILED_SOLVES = 0.01
 TREE_SHARE = 0.05  # largest allowed part of NUTS trajectories that end at the maximum tree depth
 NUM_CHAINS = 4  # number of chains that is suggested if there is only one
-# Width of the edge at a prior bound over the width of a 99 % interval, and the largest number of
-# draws there over that of a uniform posterior. Half a normal distribution at its bound has 2.2, one
+# Width of the edge at a prior bound / width of a 99 % interval, and the largest number of
+# draws there / that of a uniform posterior. Half a normal distribution at its bound has 2.2, one
 # whose mean is a standard deviation away 1.0.
 EDGE, PILE = 0.01, 1.5
 # limits of chi-square per degree of freedom between which a fit agrees with the noise

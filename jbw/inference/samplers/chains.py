@@ -114,10 +114,10 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
 def start_chains(
     starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> tuple[PyTree, Bool[Array, " chain"]]:
-    r"""Return the first states of the chains, and whether the posterior is possible at each.
+    r"""Return the chains' first states, and whether the posterior density is positive at each.
 
     A chain starts at w + spread eta with eta standard normal (logistic without a fit), drawn again
-    while the posterior is impossible there.
+    while the posterior density is zero there.
     """
 
     def start(argument: tuple[Key[Array, ""], Array], shared: tuple[Problem, Array]) -> PyTree:
@@ -155,7 +155,7 @@ def evaluate_chains(
     problem: Problem,
     chain_method: str,
 ) -> Float[Array, "chain draw term"]:
-    """Evaluate the log likelihood's terms [nats] at draws `first` to `last`; others are zero."""
+    """Evaluate the log likelihood's terms [nats] at draws `first` to `last`; the rest are zero."""
 
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
         problem, first, last = shared
@@ -236,7 +236,7 @@ def _first_state(
     problem: Problem,
     spread: Array,
 ) -> tuple[PyTree, Bool[Array, ""]]:
-    """Return the first state of a chain, and whether the posterior is possible there."""
+    """Return the first state of a chain, and whether the posterior density is positive there."""
     key_start, key_chain = jax.random.split(start[0])
     # A uniform x has a logistic logit, so a spread of 1 covers the whole prior range.
     disperse = jax.random.normal if problem.located else jax.random.logistic

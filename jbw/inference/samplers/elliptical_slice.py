@@ -53,12 +53,12 @@ def kernel(problem: Problem, options: Options) -> Kernel:
     """Return the kernel of the elliptical slice sampler for a problem."""
 
     def ratio(w: Float[Array, " parameter"]) -> Float[Array, ""]:
-        # NaN would end the shrinking loop, so impossible points have -inf.
+        # NaN would end the shrinking loop, so points of zero density have -inf.
         value = log_ratio(problem, w)
         return jnp.where(value > FORBIDDEN, value, -jnp.inf)
 
     def init(key: Key[Array, ""], w: Float[Array, " parameter"]) -> SliceState:
-        """Return a state from which the first ellipse accepts any possible point."""
+        """Return a state from which the first ellipse accepts any point of positive density."""
         return SliceState(w, jnp.array(-jnp.inf), jnp.zeros((), COUNT), key)
 
     def move(at: EllipSliceState, key: Key[Array, ""]) -> tuple[EllipSliceState, Array]:

@@ -23,7 +23,8 @@ from jbw.errors import ModelError
 from jbw.inference.space.problem import Problem
 
 HEAVY = 5.0  # degrees of freedom of Student's t distribution around a fit: heavy tails
-FORBIDDEN = -1e30  # log density of impossible points; finite, so that zero times it is not NaN
+# log density that stands for zero density; finite, so that zero times it is not NaN
+FORBIDDEN = -1e30
 
 
 def reference(problem: Problem) -> Distribution:
@@ -35,18 +36,18 @@ def reference(problem: Problem) -> Distribution:
 
 
 def log_ratio(problem: Problem, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-    """Return the log of posterior over reference density [nats]; FORBIDDEN if impossible."""
+    """Return the log of posterior to reference density [nats]; FORBIDDEN if the former is zero."""
     value = problem.log_density(w) - reference(problem).log_prob(w)
     return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
 
 
 def is_possible(log_ratios: Float[Array, "..."]) -> Bool[Array, ""]:
-    """Return whether a posterior is possible at one of several points."""
+    """Return whether the posterior density is positive at any of the points."""
     return jnp.any(log_ratios > FORBIDDEN / 2)
 
 
 def require_possible(possible: bool) -> None:
-    """Raise a ModelError if a posterior is impossible at all of several points."""
+    """Raise a ModelError if the posterior density is zero at all points."""
     if not possible:
         raise ModelError(
             "The log likelihood is not finite at any evaluated point.",

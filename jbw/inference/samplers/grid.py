@@ -40,11 +40,11 @@ class Stretch(Coordinate):
     """
 
     def forward(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Return the stretched point."""
+        """Return sinh(x / 2) * 2 for each parameter."""
         return 2.0 * jnp.sinh(0.5 * x)
 
     def inverse(self, y: Float[Array, "..."]) -> Float[Array, "..."]:
-        """Return the point whose stretch is y."""
+        """Return arsinh(y / 2) * 2 for each parameter."""
         return 2.0 * jnp.arcsinh(0.5 * y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
@@ -94,7 +94,7 @@ def grid_within(problem: Problem, whitening: Coordinate, bounds: Bounds, num_pla
 def log_density_at(
     problem: Problem, whitening: Coordinate, w: Float[Array, "node parameter"]
 ) -> Float[Array, " node"]:
-    """Return the log posterior density [nats] at normalised points; FORBIDDEN if impossible."""
+    """Return the log posterior density [nats] at normalised points; FORBIDDEN if it is zero."""
     placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, whitening)
     values = in_batches(placed.log_density, w)
     return jnp.where(jnp.isfinite(values), values, FORBIDDEN)

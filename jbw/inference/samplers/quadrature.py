@@ -42,7 +42,7 @@ from jbw.inference.space.coordinates import IDENTITY, Affine, Composed
 from jbw.inference.space.problem import Problem
 
 PLACES = {1: 1025, 2: 257, 3: 97, 4: 41}  # number of nodes per coordinate, by number of parameters
-# the same on a face of the grid, over which the density is integrated for a marginal
+# number of nodes per coordinate on a face of the grid, on which marginals are integrated
 FACES = {1: 1, 2: 257, 3: 65, 4: 21}
 PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
 

@@ -20,7 +20,8 @@ from jbw.inference.space.problem import Problem, log_density
 AVERAGING = 0.75  # exponent of the weights by which step sizes are averaged, as in dual averaging
 # exponent of the gain: its sum diverges, and its sum of squares converges
 FORGETTING = 0.6
-FIRST_STEP = (0.1, 1.0)  # first step size of the warm-up, without and with normalisation by a fit
+# first step size of the warm-up without a fit, and with coordinates normalised by a fit
+FIRST_STEP = (0.1, 1.0)
 
 
 class Options(NamedTuple):

@@ -70,7 +70,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 
 
 class _State(NamedTuple):
-    """The state of a run: key, particles, size of moves, evidence [nats] with variance."""
+    """The state of a run: key, particles, length of moves, evidence [nats] with variance."""
 
     key: Key[Array, ""]
     particles: Any
@@ -84,7 +84,7 @@ class _State(NamedTuple):
 def _run(
     key: Key[Array, ""], problem: Problem, num_particles: int, num_moves: int
 ) -> tuple[dict[str, Float[Array, " draw"]], _State, Bool[Array, ""]]:
-    """Return the final particles and state, and whether any first particle was possible."""
+    """Return the final particles and state, and whether any first particle had positive density."""
     reference_density = reference(problem)
     ratio = partial(log_ratio, problem)
     walk = random_walk.build_additive_step()

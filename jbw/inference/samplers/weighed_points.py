@@ -35,7 +35,7 @@ class Past(NamedTuple):
 
     @property
     def log_weight(self) -> Weights:
-        """The logarithm of the posterior over the mean of the mixtures, for every point."""
+        """The log of the posterior density relative to the mixtures' mean density, by point."""
         return self.log_density - self.log_mixed + np.log(len(self.w) / 2)
 
 

@@ -20,14 +20,14 @@ NO_CHANCE = 6  # equal samples of a flat peak that noise does not produce
 # Converter steps below an extreme, where peaks of an unclipped signal would also lie.
 NEAR_TOP = 8.0
 SAME = 1e-9  # relative to the range: closer values differ only by round-off
-MORE_OFTEN = 2.0  # number of samples at both extremes over the number at any two levels
+MORE_OFTEN = 2.0  # number of samples at both extremes, divided by the number at any two levels
 PILED = 3  # samples at the extremes, beyond one each and beyond the number of samples near them
 LEVELS_FROM = 2**20  # samples used to count levels, because sorting a huge record is slow
 CLIPPED_SHARE = 1e-3  # largest share of clipped samples with which a sweep can be fitted
 
 
 class Clipping(Hypothesis):
-    """Responses that are limited to their largest measured size."""
+    """Responses that are limited to their largest measured magnitude."""
 
     name = "clipping"
 

@@ -17,7 +17,7 @@ LISTED = 8  # points named in a message
 JUMP = 0.3  # smallest jump of log amplitude between neighbouring points: about a third
 SHIFT = 0.01  # smallest relative jump of a backbone's frequency between neighbouring points
 TIMES = 8.0  # multiple of the median step from which a step counts as a jump
-# [rad], smallest simultaneous jump of the phase, where the phase is measured.
+# Smallest simultaneous jump of the phase [rad], where the phase is measured.
 TURN = np.radians(20.0)
 SAME = 1e-6  # relative difference of frequency below which points belong to one S-curve
 

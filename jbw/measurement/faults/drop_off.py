@@ -12,13 +12,14 @@ from jbw.measurement.readings.sweep import SweepFits, SweepSignal
 from jbw.report.messages import clock_faults as messages
 
 FALLS = 0.5  # share of its median to which a drive must fall to count as dropping off
-NOISY = 0.05  # noise over the smallest drive; more makes an error of percents in the damping
-RANDOM = 0.3  # roughness over the median: a sweep's is 0.01 between moments, that of noise 0.5
-SMOOTHED = 0.02  # share of the values over which the drive is smoothed
+NOISY = 0.05  # noise relative to the smallest drive; more makes an error of percents in the damping
+# roughness relative to the median: a sweep's is 0.01 between moments, that of noise 0.5
+RANDOM = 0.3
+SMOOTHED = 0.02  # share of the values in the window that smooths the drive
 
 
 class DropOff(Hypothesis):
-    """The noise of a drive, where its amplitude falls to the noise at the resonance."""
+    """A drive whose amplitude falls to its noise at the resonance."""
 
     name = "drop-off of the drive"
 
@@ -29,7 +30,7 @@ class DropOff(Hypothesis):
 
 
 def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
-    """Return the smallest drive over its median, and its relative noise; None without a drop."""
+    """Return the smallest drive relative to its median, and its relative noise; None if sound."""
     smooth, rough = drive_course(signal)
     least = float(smooth.min())
     noise = rough / least
@@ -37,7 +38,7 @@ def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
 
 
 def drive_course(signal: SweepSignal) -> tuple[Reals, float]:
-    """Return a drive's smoothed size over its median, and the rms of the rest around this size."""
+    """Return a drive's smoothed amplitude relative to its median, and the rms deviation from it."""
     size = np.abs(signal.u)
     # Of few values, a quarter.
     width = max(min(max(int(SMOOTHED * len(size)), 5), len(size) // 4), 1)

@@ -139,7 +139,7 @@ def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
 
 
 def _kept(key: str, band: Band, make: Callable[[], Examined]) -> Examined:
-    """Return the stored result of this process or an earlier command, else compute and store it.
+    """Return the result stored by this process or an earlier command, or compute and store it.
 
     If the folder cannot be written or a file cannot be read, the only cost is a new computation.
     The result is empty if the numerics fail on an unusual record.

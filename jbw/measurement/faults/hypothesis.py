@@ -6,7 +6,7 @@ conditions, which are calibrated on sound records of every law (`benchmarks/outs
 
 1. the fit leaves a residual: a weighted rms above 1.2, or 6 % of the response; for a steady line
    alone a line of 30 times its local median and 0.05 % of the largest response;
-2. the cause explains at least 40 % of the weighted squares;
+2. the cause explains at least 40 % of the weighted sum of squares;
 3. $2 \ln L_1/L_0 - k \ln n > 25$, with n the effective number of values of a coloured residual
    and k the number of the cause's parameters;
 4. it is large enough to matter, by a limit of each hypothesis.
@@ -31,8 +31,8 @@ from jbw.measurement.records import Record
 from jbw.report.messages.message import FaultText
 
 LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # limits of condition 1
-EXPLAINS = 0.6  # largest share of the residual squares that a cause may leave: condition 2
-ENOUGH = 0.01  # share of the residual squares; a cause that leaves less needs no rival
+EXPLAINS = 0.6  # largest share of the residual sum of squares that a cause may leave: condition 2
+ENOUGH = 0.01  # share of the residual sum of squares; a cause that leaves less needs no rival
 ODDS = 25.0  # limit of condition 3
 NEARLY = 20.0  # difference in 2 ln of the likelihood below which two causes count as equal
 # Weighted rms and share of the response from which an unexplained residual is reported.
@@ -53,7 +53,7 @@ class Hypothesis:
         yield from ()
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield the fault with starting values for a fit together with a mode, if applicable."""
+        """Yield the fault, if it applies, with starting values for a fit together with a mode."""
         yield from ()
 
     def matters(self, values: Reals, fits: Fits) -> bool:

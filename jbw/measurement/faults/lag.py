@@ -28,14 +28,14 @@ from jbw.report.messages import loop_faults as loop_messages
 from jbw.report.messages.message import FaultText
 
 OTHER_SIGN = 0.45  # lag, in periods, from which the sign of a channel is wrong instead
-# Smallest lags in periods; the drift is over the whole record.
+# Smallest lags in periods; the drift is the change in the whole record.
 LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05
 LEAST_LOST = 1.6  # samples
-PLACES = np.linspace(0.03, 0.97, 16)  # shares of the response's weighted size before a step
+PLACES = np.linspace(0.03, 0.97, 16)  # shares of the response's weighted amplitudes before a step
 SCANNED = 12  # scanned places between two of these
 QUIET = 0.4  # share of the largest motion below which the lag is determined without the joint
 FEWEST, FAINT = 24, 1e-6  # smallest number of values of that part; weight of the others
-OF_CYCLE = 0.125  # largest lag of a loop that is tried, of a cycle
+OF_CYCLE = 0.125  # largest lag of a loop that is tried, as a share of a cycle
 ALIKE = 0.5  # relative difference between the delay of that part and of the record; 0.06 if true
 
 
@@ -147,7 +147,7 @@ class ClocksApart(_Lag):
 
 
 class LostBlock(_Lag):
-    """A lag that jumps from zero: its size in mean periods, its time over the record's length."""
+    """A lag that jumps from zero: its size in mean periods, its time as a share of the record."""
 
     name = "lost block"
 
@@ -160,7 +160,7 @@ class LostBlock(_Lag):
         times = np.interp(PLACES, share / share[-1], signal.time)
 
         def fitted(at: float, step: float) -> tuple[float, float, float]:
-            """Return squares, time and size of the best jump, searched from a given time on."""
+            """Return residual sum of squares, time and size of the best jump near a given time."""
             found = joint_fit(fits, "linear", SweepCause(np.array([step]), _stepped(float(at))))
             return (found.squares, at, float(found.theta[count])) if found else (np.inf, at, step)
 

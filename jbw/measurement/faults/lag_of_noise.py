@@ -31,7 +31,7 @@ FEWEST = 12  # smallest number of values of a phase or lag
 CERTAIN = 6.0  # standard errors of a lag
 ONE_MODE = 0.3  # standard deviation of log |Y/U| about that of one mode; more means several modes
 ROUGH = 0.15  # [rad]; a phase that varies by more is not that of one mode
-PARTS, AVERAGES = 8, 8  # parts of a record of noise, averages in each part
+PARTS, AVERAGES = 8, 8  # numbers of parts of a record of noise, and of averages in each part
 LEAST_PARTS = 2  # smallest number of parts on each side of a part within which the lag jumps
 COHERENT = 0.5  # smallest mean coherence of response and drive for which a lag is read
 MOST_TURNS = 3  # half turns of the phase that are tried on either side of its middle
@@ -76,7 +76,8 @@ def _away(
     if len(lines_away) < FEWEST:
         return None
     r = r[lines_away]
-    # The size of a single mode falls as 1 / (1 - r^2); with several modes the phase shows no lag.
+    # The magnitude of a single mode falls as 1 / (1 - r^2); with several modes the phase shows no
+    # lag.
     if np.std(np.log(np.abs(receptance[lines_away] * (1 - r**2)))) > ONE_MODE:
         return None
     phase = np.angle(receptance[lines_away] * np.where(r < 1, 1.0, -1.0))

@@ -1,7 +1,7 @@
 """The faults of a force loop that explain the residual of a fit by friction sliders and springs.
 
 A cause is named if sliders leave more than 1 % of the rms of the force beyond noise, and the cause
-explains 85 % of the squares of that residual. Effects that a campaign states, a drifting zero or a
+explains 85 % of its sum of squares. Effects that a campaign states, a drifting zero or a
 wearing law, are fitted together with the sliders from the beginning.
 """
 
@@ -19,9 +19,9 @@ from jbw.measurement.loops import begins_unmoved
 from jbw.measurement.readings.loop import MOST_SAMPLES, Columns, LoopBasis, basis_of
 from jbw.measurement.records import LOAD_CELLS, Record
 
-LEFT = 0.01  # largest residual beyond noise of a sound loop, over the rms of the force
-OFF = 0.02  # largest force before the motion, over the rms of the force
-NOISE = 1.2  # factor on the squares of noise that sliders leave by chance
+LEFT = 0.01  # largest residual beyond noise of a sound loop, relative to the rms of the force
+OFF = 0.02  # largest force before the motion, relative to the rms of the force
+NOISE = 1.2  # factor on the noise's sum of squares that sliders leave by chance
 EXPLAINS = 0.85  # share of the residual beyond noise that a cause must explain
 FEWEST = 64  # fewest samples of a loop
 WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint

@@ -49,6 +49,6 @@ class LoopCause(NamedTuple):
 
 
 def path_of(loop: ForcedLoop) -> Columns:
-    """Return the travelled path over its total length, and its square, one row each."""
+    """Return the travelled path relative to its total length, and its square, one row each."""
     path = np.append(0.0, np.cumsum(np.abs(np.diff(loop.displacement))))
     return np.stack([path / path[-1], (path / path[-1]) ** 2])

@@ -18,14 +18,16 @@ from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.loops import cycles_of, lopsided
 from jbw.report.messages import loop_faults as messages
 
-LOPSIDED = 0.25  # difference of the peak forces of both sides over their sum
+LOPSIDED = 0.25  # difference of the peak forces of both sides, divided by their sum
 FREE = ("gap_series", "stop")  # laws with contacts
 POINTS = 40  # number of points on the mean of both strokes
-END = POINTS // 8  # values at the end of a stroke over which its slope is read
-TWICE = 1.5  # slope at the end of a stroke over its smallest slope, from which the stroke stiffens
-STIFFER = 1.0  # contact stiffness over stiffness in the free travel; a smaller ratio is no gap
-GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel over the amplitude
-BETTER = 0.4  # largest residual sum of squares with a gap, over that of a smooth spring
+END = POINTS // 8  # number of values at the end of a stroke from which its slope is determined
+# ratio of the slope at a stroke's end to its smallest slope from which the stroke counts as
+# stiffening
+TWICE = 1.5
+STIFFER = 1.0  # ratio of contact stiffness to stiffness in the free travel; a smaller one is no gap
+GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel, divided by the amplitude
+BETTER = 0.4  # largest residual sum of squares with a gap, divided by that with a smooth spring
 
 
 def one_sided(loop: ForcedLoop) -> Iterator[Fault]:

@@ -12,7 +12,8 @@ from jbw.measurement.records import Record
 from jbw.report.messages import response_faults as messages
 from jbw.report.messages.message import FaultText
 
-OFFSET = 1.0  # mean of a response over its standard deviation: more is an offset of the channel
+# mean of a response, divided by its standard deviation: more is an offset of the channel
+OFFSET = 1.0
 
 
 class Offset(Hypothesis):

@@ -17,10 +17,10 @@ from jbw.report.messages import record_faults as messages
 
 LOOKED_AT = 2**21  # samples used; a stationary record shows its faults in them
 LONGEST = 4  # segments at the finest resolution of the resonance
-CLEAR = 4.0  # times the median of the band: a peak above it is a resonance in the band
+CLEAR = 4.0  # multiple of the band's median above which a peak is a resonance in the band
 RESOLVED = 1.5  # window widths; a narrower peak shows the window itself, T 2 zeta f_n < 2
-LOW_COHERENCE = 0.5  # median over the lines that carry the response
-MASS_FACTOR = 3.0  # between estimated and stated modal mass; more means a wrong unit
+LOW_COHERENCE = 0.5  # smallest median coherence of the lines that carry the response
+MASS_FACTOR = 3.0  # factor between estimated and stated modal mass; more means a wrong unit
 
 
 def doubts(
@@ -35,7 +35,7 @@ def doubts(
     except DataError as error:  # a record of a few samples
         yield doubt(record.response, error.what, error.why, error.remedy)
         return
-    # After each of these two faults the size and the width of the FRF mean nothing.
+    # After each of these two faults the magnitude and the width of the FRF mean nothing.
     broken = [*peaked_input(record.source, coarse), *_incoherent(record.response, coarse)]
     if broken:
         yield broken[0]

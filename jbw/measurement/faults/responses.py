@@ -32,22 +32,23 @@ LIKE = 2.0  # factor to peak or rms of a channel: a level further away belongs t
 NO_LEVEL = ("frequency", "phase", "time")
 # Share of the strongest line's frequency, to either side, within which lines belong to it.
 ABOUT = 0.2
-WIDEST = 0.5  # half width of a band without neighbouring lines, over the frequency of its line
-OTHER, PEAK_LINES = 3e-3, 2  # height of another line over the strongest; lower lines to either side
+WIDEST = 0.5  # half width of a band without neighbouring lines, relative to its line's frequency
+# height of another line relative to the strongest; number of lower lines to either side
+OTHER, PEAK_LINES = 3e-3, 2
 ELSEWHERE = 0.1  # share of a displacement's power beyond that of a single oscillator
 STANDS_OUT = 5.0  # times the median around: the largest of 1000 lines of noise is 3.2 times it
 FEW = 256  # samples of a displacement: fewer were probably read off a chart
 PERIODS = 8  # smallest number of periods in a record for a line to count as a mode
 FEWEST_VALUES = 16  # smallest number of independent envelope values
 WIDENED = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)  # factors by which a band is widened
-LOWEST = 0.2  # smallest lower edge over the centre of the band
-DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
+LOWEST = 0.2  # smallest lower edge, relative to the centre of the band
+DECAYED = 0.9  # ratio of a decay's last quarter to its first: more is no decay
 
 
 def unsteady(
     record: Record, tones_hz: Sequence[float], settle: float, dwell: float | None
 ) -> Iterator[Fault]:
-    """Report tones, or steps of `dwell` seconds, not settled or with too small a third harmonic."""
+    """Report tones, or steps of `dwell` seconds, not settled or with a weak third harmonic."""
     y, role, fs = record.channels[record.response], record.response, record.fs
     fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
@@ -83,7 +84,7 @@ def _named(fitted: Sequence[Harmonics]) -> str:
 
 
 def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
-    """Report doubtful signs and units: the work -pi F Im Y must be positive, the phase fall."""
+    """Report doubtful signs or units: work -pi F Im Y that is not positive, or a rising phase."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
         yield refusal(role, *messages.few_lines(len(curve.freq_hz), FEWEST_LINES))

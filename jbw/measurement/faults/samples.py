@@ -16,7 +16,7 @@ FITS = 4  # number of fits of the prediction, each without the outliers of the p
 OUTLYING = 5.0  # robust standard deviations: samples beyond are excluded from the prediction's fit
 FAR = 12.0  # robust standard deviations of a prediction's error: beyond it is no noise
 INWARD = 0.45  # share of the predicted value below which a sample of a drop-out lies
-STRETCHES = 32  # stretches of a record, each with its own scale
+STRETCHES = 32  # number of segments of a record, each with a separate standard deviation
 FEWEST, MOST = 5, 0.6  # smallest number of drop-outs; smallest share of all outliers
 
 
@@ -67,7 +67,7 @@ def drop_outs(x: Reals) -> list[int]:
 
 
 def _scales(error: Reals) -> Reals:
-    """Return the robust standard deviation of the errors in the stretch around each error."""
+    """Return the robust standard deviation of the errors in each sample's segment."""
     parts = np.array_split(np.abs(error), min(STRETCHES, max(len(error) // 64, 1)))
     return np.concatenate(
         [np.full(len(part), np.median(part) / OF_NORMAL + 1e-300) for part in parts]

@@ -13,7 +13,7 @@ from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.message import FaultText
 
 PLACES = 60  # candidate places of a jump
-APART = 0.1  # smallest distance of the two places that are tried, over the record's length
+APART = 0.1  # smallest distance of the two tried times, relative to the record's length
 LOUD = 6.0  # noise amplitudes; a quieter envelope is not searched
 LEAST = 0.05  # smallest jump of ln a and the phase [rad] combined
 GREW = 0.2  # jump of ln a above which missing samples cannot be the cause
@@ -22,12 +22,12 @@ ENDS = 0.02  # share of the record at either end where a jump cannot be seen
 
 
 class SecondBlow(Hypothesis):
-    """A jump of a decay to another of its states: its time, and the jumps of ln a and phase."""
+    """A jump of a decay from one state to another: its time, jumps of log amplitude and phase."""
 
     name = "second blow"
 
     def causes(self, fits: Any, basis: str) -> Iterator[DecayCause]:
-        """Yield jumps at the two places where the logarithm of the envelope changes most."""
+        """Yield jumps at the two times where the logarithm of the envelope changes most."""
         if isinstance(fits, DecayFits):
             yield from map(DecayCause, _places(fits))
 
@@ -48,7 +48,7 @@ class SecondBlow(Hypothesis):
 
 
 def _places(fits: DecayFits) -> list[Reals]:
-    """Return starting values for jumps, at the places where a step best explains ln z."""
+    """Return starting values for jumps, at the times where a step best explains ln amplitude."""
     signal, linear = fits.signal, fits.fits["linear"].theta
     size, count = signal.size, len(signal.z)
     loud = np.flatnonzero(size > LOUD * max(signal.tail, 1e-4 * size.max()))

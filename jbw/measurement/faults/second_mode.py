@@ -26,19 +26,20 @@ from jbw.measurement.readings.sweep import (
 from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.message import FaultText
 
-LEAST = 0.02  # smallest amplitude over that of the first mode at the start
-DAMPINGS = (0.2, 6.0)  # range of a mode's damping, over the damping of the first mode
+LEAST = 0.02  # smallest amplitude, relative to that of the first mode at the start
+DAMPINGS = (0.2, 6.0)  # range of a mode's damping, relative to that of the first mode
 NEAREST = 2.0  # smallest distance to the first mode in a sweep, in damping rates of the first
 # Distance in damping rates of the first mode, if the second is within the first mode's line.
 BEAT = 4.0
-# Largest change of the first mode's frequency and damping, over its damping, by a narrower band.
+# Largest change of the first mode's frequency and damping due to a narrower band, relative to its
+# damping.
 MOVED = 0.1
 NUM_PLACES, TRIED_DAMPINGS = 96, (0.003, 0.01, 0.03)  # modes that are tried near a fit
 APART = 0.05  # relative distance in frequency from which a mode is not the joint's own
 
 
 class SecondMode(Hypothesis):
-    """A second mode: amplitude, phase, distance and damping; the last two over the first's rate."""
+    """A second mode: amplitude, phase; distance and damping in damping rates of the first mode."""
 
     name = "second mode"
 

@@ -15,7 +15,7 @@ NEIGHBOURS = 2  # steps of a motion to either side, whose median is the usual st
 
 
 class Slip(Hypothesis):
-    """The time of a slip, and its size."""
+    """A slip of the displacement gauge: its time and its size."""
 
     name = "slip of the gauge"
 

@@ -58,7 +58,7 @@ class UndecayingLine(Hypothesis):
         return isinstance(fits, DecayFits) and self.share(values, fits) > SPOILS
 
     def share(self, values: Reals, fits: DecayFits) -> float:
-        """Return the line's amplitude before filtering, over the decay's amplitude at its start."""
+        """Return the line's amplitude before filtering, relative to the decay's at its start."""
         mode = float(fits.fits["linear"].theta[3]) * fits.scale
         passed = fits.signal.passed(mode) / fits.signal.passed(self.turn(values, fits))
         return float(np.hypot(values[0], values[1])) * passed

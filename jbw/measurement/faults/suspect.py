@@ -65,7 +65,7 @@ class Cause(NamedTuple):
 
     Attributes:
         text: What is wrong, why it matters and what to do.
-        explained: Share of the squares of the misfit.
+        explained: Share of the sum of squares of the misfit.
         label: Group whose error it is; empty for an error of all groups.
         mode: Frequency [rad/s], damping and residue of the mode, if it is one.
     """

@@ -1,4 +1,4 @@
-"""Tests and repeats whose ratio of response to drive differs from the others in sign or size."""
+"""Tests and repeats whose ratio of response to drive differs from others in sign or magnitude."""
 
 from collections.abc import Iterator, Sequence
 
@@ -41,7 +41,7 @@ class UnlikeGain(Hypothesis):
     name = "sign or gain"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield the test whose separately fitted gain is unlike the others', or a factor for each.
+        """Yield the test whose own gain differs from the others', or a factor for each test.
 
         A step from a fit that is far from all tests is unreliable.
         """
@@ -56,7 +56,7 @@ def _factor(label: str, spectrum: Spectrum) -> Suspect:
 
 
 def unlike(factor: float, source: str, test: str = "") -> FaultText:
-    """Return the text on a test or repeat whose gain is `factor` times that of the other ones."""
+    """Return the text on a test or repeat whose gain is `factor` times that of the other tests."""
     if abs(factor + 1) < TURNED:
         return messages.other_sign(source, test)
     unit = next((name for f, name in UNITS.items() if abs(abs(factor) / f - 1) < CLOSE), "")
@@ -64,12 +64,13 @@ def unlike(factor: float, source: str, test: str = "") -> FaultText:
 
 
 def _apart(misfit: Misfit) -> Iterator[Cause]:
-    """Yield the data group whose separately fitted gain is unlike the others' in sign or size."""
+    """Yield the data group whose own gain differs from the others' in sign or magnitude."""
     fits = {n: pair for n, s in misfit.spectra.items() if (pair := _alone(s)) is not None}
     missed = [label for label in misfit.missed if label in fits]
     if len(fits) < 2 or not missed:
         return
-    # Compare each gain with the median of the others, by sign and size. If there are only two, it
+    # Compare each gain with the median of the others in sign and magnitude. If there are only two,
+    # it
     # cannot be determined which is wrong.
     ratios = {
         label: gain / np.median([other for n, (other, _) in fits.items() if n != label])

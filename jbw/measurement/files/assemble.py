@@ -56,7 +56,7 @@ class _Channels(NamedTuple):
     done: Mapping[str, str]
 
     def beside(self, other: "_Channels") -> "_Channels":
-        """Return these channels merged with others, which replace equal roles."""
+        """Return these channels merged with others, which replace channels of the same role."""
         return _Channels(
             {**self.rows, **other.rows}, {**self.units, **other.units}, {**self.done, **other.done}
         )
@@ -141,7 +141,7 @@ def _size(
 
 
 def _is_curve(role: str, sources: Mapping[str, list[Leaf]]) -> bool:
-    """Return whether a role is a response along frequency."""
+    """Return whether a role is a response at each frequency."""
     return "frequency" in sources and role in RESPONSES
 
 
@@ -186,7 +186,7 @@ def _channel(
 
 
 def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels) -> _Channels:
-    """Return the constant source of amplitude 1 for a response that is given per unit of it."""
+    """Return the constant source of amplitude 1 for a response stated per unit of the source."""
     if any(role in sources for role in INPUTS):
         raise DataError(
             f"the response is per unit of excitation, but `{source}` is given too.",

@@ -38,7 +38,7 @@ MOST = 0.5  # share of a record above which a part between gaps is kept rather t
 
 
 def stated_rate(fs: float) -> float:
-    """Return the round rate whose interval prints with the same digits; else the given rate.
+    """Return the round rate whose interval prints with the same digits, or the given rate if none.
 
     A file that states 0.000976562 s means 1024 Hz, and 1e-5 s is 100 kHz apart from round-off. An
     interval of fewer than six digits is exact: 0.0004096 s is 2441.40625 Hz.
@@ -117,7 +117,7 @@ def sampling_frequency(
 
 
 def coarse_rate(time: NDArray[np.number], factor: float = 1.0) -> float | None:
-    """Return the mean rate of times with too few digits to distinguish samples [Hz]; else None.
+    """Return the mean rate [Hz] of times if they have too few digits to distinguish samples.
 
     Such times repeat or skip a quantum, but lie within half a quantum of a line. The rate is
     rounded to the digits that the times support.
@@ -211,7 +211,7 @@ def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOP
 
 
 def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
-    """Return the quantum (last printed digit) of every time, for fixed decimals and fixed digits.
+    """Return the step of every time's last printed digit, for fixed decimals and fixed digits.
 
     `%.6f` writes the same number of decimals everywhere; `%.7g` writes 9.876953 and 10.00195, so
     that later times are rounded more. Times of a binary file have the resolution of their type.

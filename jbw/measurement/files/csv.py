@@ -495,7 +495,7 @@ def _tree(
 
 
 def _part(title: str) -> tuple[str, bool]:
-    """Return the channel of a real or imaginary part, and whether it is real; else empty."""
+    """Return the channel of a real or imaginary part, and whether it is real; empty if neither."""
     match = PART.fullmatch(title)
     return (match[1] or "response", bool(match[2])) if match else ("", False)
 

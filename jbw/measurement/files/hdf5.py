@@ -107,7 +107,7 @@ def attribute(attributes: Mapping[str, Any], name: str) -> Any:
 
 
 def inside(dataset: h5py.Dataset) -> h5py.Dataset:
-    """Return a dataset if its samples lie in its own file in their stored shape, else raise."""
+    """Return a dataset whose samples lie in its own file in their stored shape; raise otherwise."""
     virtual = dataset.is_virtual and any(s.file_name != "." for s in dataset.virtual_sources())
     if dataset.external or virtual:
         raise _outside(dataset.name or "dataset")

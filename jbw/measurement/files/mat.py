@@ -77,7 +77,7 @@ def _complex73(item: Any) -> OnDemand:
 
 
 def _node73(group: h5py.Group, name: str) -> Node:
-    """Return a tree from MATLAB's HDF5 conventions: references for cells, axes in reverse order."""
+    """Convert a tree from a MATLAB HDF5 file: follow references of cells, reverse the axes."""
     link = group.get(name, getlink=True)
     if not isinstance(link, h5py.HardLink):
         raise DataError(

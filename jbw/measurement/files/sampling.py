@@ -1,4 +1,4 @@
-"""Sampling frequency of a file's channels, from every statement of it, and a channel's rows."""
+"""The sampling frequency of a file's channels from all its statements, and the rows to read."""
 
 import re
 from collections.abc import Iterator, Mapping

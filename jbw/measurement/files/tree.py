@@ -40,7 +40,7 @@ class Leaf:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The length of each open axis."""
+        """The length of each axis that the path has not indexed."""
         return tuple(self.array.shape[axis] for axis in self.axes)
 
 

@@ -33,26 +33,27 @@ from jbw.measurement.readings.slow_flow import (
 
 BETA = 7.0  # shape of the Kaiser window that filters the band
 LAW_ERROR = 1e-3  # relative error of the model of a sound joint, from averaging and from the basis
-QUANTUM_NOISE = 0.02  # variance of quantisation over the square of half a converter step
+QUANTUM_NOISE = 0.02  # variance of quantisation, divided by the square of half a converter step
 # Share of the largest envelope from which a blow counts, as a later one may be stronger.
 FIRST_BLOW = 0.6
 QUADRATURE = 160  # number of amplitudes in the quadrature
 MOMENTS = 24  # even moments of the filter, which give its response to 1e-12 in its band
 FEWEST_POWERS = 14  # fewest values for a fit of a power of the amplitude
-WORTH_A_TERM = 0.9  # largest ratio of squares for which the next term of a basis is worth adding
+# A further term of a basis is kept if it reduces the sum of squares to this share or less.
+WORTH_A_TERM = 0.9
 NO_MODEL = 1e3  # times the signal: value that stands for an invalid model
 FADED = 2.4  # half converter steps below which a converter without dither shows nothing
-QUIETEST = 0.3  # amplitude over the noise at which a decay ends
+QUIETEST = 0.3  # amplitude relative to the noise at which a decay ends
 LOUD = 4.0  # noise amplitudes, which noise alone exceeds in one of 10^7 values
 FEWEST_KEPT = 24
-LEAST_FALL = 1e-3  # smallest rate of fall of a decay's envelope, over `scale`
+LEAST_FALL = 1e-3  # smallest rate of fall of a decay's envelope, relative to `scale`
 # Gain of the filter above which lines are used for the noise, and their smallest number.
 HALF_GAIN, FEWEST_LINES = 0.5, 12
 SAFE = 1.15  # factor on a noise that is estimated from few lines
 
 
 class Jump(NamedTuple):
-    """A jump of a decay to another of its states: time [s], changes of ln a and of phase."""
+    """A jump of a decay from one state to another: time [s], changes of log amplitude and phase."""
 
     time_s: float
     growth: float
@@ -121,7 +122,7 @@ class DecaySignal:
         return np.abs(self.z)
 
     def first(self) -> tuple[float, float]:
-        """Return damping rate and frequency above the centre [rad/s] of the part above noise."""
+        """Return damping rate and frequency above the centre [rad/s] of the values above noise."""
         size = self.size
         loud = np.flatnonzero(size > max(0.1 * size[0], 3 * min(self.tail, 0.02 * size[0])))
         stop = max(int(loud[-1]) + 1 if loud.size else len(size), min(6, len(size)))
@@ -307,7 +308,7 @@ def _steepest(signal: DecaySignal) -> float:
 
 
 class _Flow(NamedTuple):
-    """A slow flow over log amplitude: rates, their parameter derivatives, and times [s]."""
+    """A slow flow against log amplitude: rates, their parameter derivatives, and times [s]."""
 
     signal: DecaySignal
     logs: Reals

@@ -21,9 +21,10 @@ from scipy.optimize import nnls
 
 from jbw.measurement.channels import Reals
 
-NUM_SLIDERS, SHORTEST = 48, 0.01  # and the smallest half width over the largest motion
+# number of sliders, and their smallest half width divided by the largest motion
+NUM_SLIDERS, SHORTEST = 48, 0.01
 POWERS = (1, 2, 3, 4, 5)  # powers of displacement of the springs
-ONE_SIDED = (0.2, 0.4, 0.6, 0.8)  # gaps of contacts on one side, over the largest motion
+ONE_SIDED = (0.2, 0.4, 0.6, 0.8)  # gaps of one-sided contacts, divided by the largest motion
 TWO_SIDED = (0.1, 0.3, 0.5, 0.7)
 MOST_SAMPLES = 5000  # samples that are read; a denser loop is thinned
 
@@ -87,7 +88,7 @@ def fit_loop(basis: LoopBasis, force: Reals, beside: Sequence[Reals] = ()) -> Lo
     orthonormal, upper = np.linalg.qr(free)
     both = np.column_stack([basis.losses, force])
     away = both - orthonormal @ (orthonormal.T @ both)
-    # Preserves the squares with only as many rows as columns.
+    # The triangular factor keeps the sums of squares, with only as many rows as columns.
     triangle = np.linalg.qr(away, mode="r")
     strengths, _ = nnls(triangle[:, :-1], triangle[:, -1])
     residual = away[:, -1] - away[:, :-1] @ strengths

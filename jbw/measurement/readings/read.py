@@ -14,11 +14,12 @@ from jbw.quantities import derivative_order
 
 FEWEST = 16  # values of an envelope
 MOVING = 0.05  # share of the largest motion above which the mode is moving
-PADDED = 0.35  # width added on either side, over the range of frequencies of that motion
+# width added on either side, divided by the frequency range in which the mode is moving
+PADDED = 0.35
 NARROWER = 0.7  # share of a band below which a narrower band replaces it
 FAST = 6.0  # sqrt of the sweep rate: half of a band that lasts many lengths of its filter
 DRIVEN = 5e-3  # share of the drive's energy beyond either end of its sweep
-MARGIN = 0.15  # width added on either side, over the swept range
+MARGIN = 0.15  # width added on either side, divided by the swept range
 MOST_VALUES = 20_000  # largest number of values of a thinned sweep: no mode needs a band with more
 
 
@@ -67,7 +68,7 @@ def sweep_fits(signal: SweepSignal) -> SweepFits | None:
 def swept_band(
     u: Reals, fs: float, band_hz: tuple[float, float] | None
 ) -> tuple[float, float] | None:
-    """Return the range of frequencies that a drive sweeps, within a given band [Hz]; else None."""
+    """Return the frequency range [Hz] that a drive sweeps within a given band; None if none."""
     freq = np.fft.rfftfreq(len(u), 1 / fs)
     power = np.abs(np.fft.rfft(u)) ** 2
     if not power.sum() > 0 or len(freq) < 8:

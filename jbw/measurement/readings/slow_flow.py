@@ -19,11 +19,12 @@ from scipy.signal import fftconvolve
 
 from jbw.measurement.channels import Complexes, Reals
 
-# Smallest relative changes of squares and steps. The second is for a mode with a cause: the
+# Smallest relative changes of the sum of squares and of steps. The second is for a mode with a
+# cause: the
 # likelihood of n values is then wrong by n / 10^4, against the limit of 25 for a named cause.
 FULLY, NEAR_BEST = 1e-8, 1e-4
 SHIFT = 1e-7  # relative step of a cause's parameter for its slope
-# Smallest amplitude over the largest, since an amplitude of zero has no logarithm.
+# Ratio of the smallest amplitude to the largest, since an amplitude of zero has no logarithm.
 LEAST_RATIO = 1e-9
 SMOOTHED = 12  # lines of a residual's spectrum that are averaged
 FEWEST_INDEPENDENT = 0.02  # smallest share of independent values of a residual, for any colour

@@ -23,21 +23,22 @@ from scipy.special import chdtrc, erfc, fdtrc
 from jbw.measurement.channels import Reals
 from jbw.measurement.resonances import AmplitudeCurve
 
-ROWS = 4  # used per record, because its table is that smooth
+ROWS = 4  # number of values used per record, whose table is so smooth that more add nothing
 EXPONENTS = np.round(np.concatenate([np.arange(-1.2, 0.0, 0.1), np.arange(0.1, 4.01, 0.05)]), 3)
 INSIDE = 6.63  # limit on 2 ln of the likelihood for the 99 % interval of one parameter
 # Probabilities below which records or values are reported to differ.
 RECORDS, AMPLITUDE = 1e-3, 1e-4
 # Relative standard deviations between records that are tried.
 SPREADS = np.geomspace(1e-7, 1.0, 141)
-LEAST_RANGE = 1.2  # largest over smallest amplitude: a smaller range says nothing about amplitude
-# Smallest change: relative to zeta for a frequency, relative for zeta.
+# ratio of largest to smallest amplitude: a smaller one shows no effect of amplitude
+LEAST_RANGE = 1.2
+# Smallest change that counts: of a frequency, relative and divided by zeta; of zeta, relative.
 LEAST = {"hz": 3e-3, "zeta": 5e-3}
 SURE = 3.5  # standard deviations by which a turning frequency falls and rises again
 CERTAIN = 2.576  # standard deviations of a 99 % interval
 EQUAL = 0.05  # shift of a power by averaging
-SPRING = 0.02  # largest change of damping by a spring, over the relative change of frequency
-# Smallest change of the damping ratio over the relative fall of frequency for a joint that slips:
+SPRING = 0.02  # ratio of a spring's largest change of damping to the relative change of frequency
+# Smallest ratio of damping change to relative fall of frequency for a joint that slips:
 # for sliders of an Iwan exponent chi, 4 (chi + 1) / (pi (chi + 3)), which is 0.1 at -0.8.
 SLIPS = 0.1
 # Laws by the power of the amplitude in their frequency, their damping, or both.

@@ -35,10 +35,11 @@ from jbw.measurement.readings.slow_flow import (
 LAW_ERROR = 3e-3  # relative error of the model of a sound joint, from averaging and from the basis
 SOLVE: Any = vars(lapack)["ztbtrs"]  # solves a triangular band; SciPy's stubs do not list it
 DRIVEN = 0.2  # share of the drive's largest amplitude below which nothing is driven
-WORTH_A_TERM = 0.9  # largest ratio of squares for which the next term of a basis is worth adding
+# A further term of a basis is kept if it reduces the sum of squares to this share or less.
+WORTH_A_TERM = 0.9
 CLEAR = 30.0  # noise amplitudes: the filter follows the measured amplitude above, the model's below
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of modes outside the band
-# Limits of the motion over response / frequency^order, while the mode rings freely.
+# Limits of the ratio of motion to response / frequency^order while the mode rings freely.
 MODES_OWN = (0.5, 2.0)
 
 Columns = Complex[np.ndarray, "value column"]
@@ -254,7 +255,7 @@ def _middle(values: Any) -> Any:
 
 
 def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
-    """Return the columns of a response delayed by a time [s], constant or given at every time."""
+    """Return response columns delayed by a lag [s], which is constant or given at every time."""
     return columns * np.exp(-1j * rate * lag_s)[:, None]
 
 

@@ -37,11 +37,12 @@ from jbw.measurement.readings.sweep import SweepFits
 POINTS = 12  # number of amplitudes in a table
 ABOVE_NOISE = 3.0  # noise amplitudes: smaller amplitudes are not read
 DEEPEST = 0.02  # share of the largest amplitude below which no amplitude is read
-FLOOR_OF_DAMPING = 0.003  # smallest error of zeta, over zeta
-BEYOND = 0.3  # error of zeta, over zeta, per relative misfit beyond the noise
+FLOOR_OF_DAMPING = 0.003  # smallest error of zeta, divided by zeta
+BEYOND = 0.3  # error of zeta, divided by zeta and by the relative misfit beyond the noise
 # Probability of a change with amplitude in a linear mode, below which the mode is nonlinear.
 ODDS = 1e-4
-LEAST_CHANGE = 5e-3  # smallest change of zeta or of the frequency that counts, over zeta
+# smallest change that counts: of zeta or of the relative frequency, divided by zeta
+LEAST_CHANGE = 5e-3
 SURE = 3.0  # standard deviations of a change
 
 Square = Float[np.ndarray, "row row"]

@@ -1,8 +1,8 @@
 """The table of recorders: one file per recorder, found because it is in this folder.
 
 A module of this folder that defines `RECORDER` or `RECORDERS` is in the table; nothing else needs
-to be changed. Its docstring is its row in the documentation: a title, then lines such as `Known by:
-...`. The modules are loaded when the first file is opened.
+to be changed. Its docstring is its section in the documentation: a title, then lines such as
+`Recognised by: ...`. The modules are loaded when the first file is opened.
 """
 
 import pkgutil

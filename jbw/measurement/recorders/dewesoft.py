@@ -1,14 +1,14 @@
 """DEWESoft X: MATLAB files and text.
 
 Files: .mat, .csv, .txt
-Known by: arrays `Data1_NAME` beside `Data1_time_NAME`; in text a preamble with `Sample rate` and
-    `Data info`
+Recognised by: arrays `Data1_NAME` beside `Data1_time_NAME`; in text a preamble with `Sample rate`
+and `Data info`
 Names: behind `Data1_`; in text the columns
 Units: none in MATLAB files; in text in parentheses behind the names
 Rate: the times of each channel; in text its times, with which `Sample rate` must agree
 Start: the first time of each channel
-Rests on: public scripts that load such exports
-Never seen: files of asynchronous channels
+Based on: public scripts that load such exports
+Untested: files of asynchronous channels
 """
 
 import re

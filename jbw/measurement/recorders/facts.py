@@ -36,7 +36,7 @@ def text_at(node: Any, *names: str) -> str:
 
 
 def number_at(node: Any, *names: str) -> float:
-    """Return the number, or number written as text, at a path of names within structs; else NaN."""
+    """Return the number, perhaps written as text, at a path of names in structs; NaN if none."""
     child = node_at(node, *names)
     if isinstance(child, Leaf) and 0 < math.prod(child.shape) <= MOST_VALUES:
         values = np.ravel(load(child))
@@ -59,7 +59,7 @@ def rate_of(increment: float) -> float | None:
 
 
 def positive(value: float) -> float | None:
-    """Return a number if it is positive and finite, else None."""
+    """Return a number if it is positive and finite; otherwise None."""
     return value if math.isfinite(value) and value > 0 else None
 
 

@@ -1,13 +1,13 @@
 """HBK Pulse (B&K) and HBM catman: flat MATLAB files.
 
 Files: .mat
-Known by: a struct `File_Header` with `SampleFrequency`, and arrays `Channel_1_Data`
+Recognised by: a struct `File_Header` with `SampleFrequency`, and arrays `Channel_1_Data`
 Names: `Channel_1_Header.SignalName`
 Units: `Channel_1_Header.Unit`
 Rate: `File_Header.SampleFrequency`, as text, perhaps with a decimal comma
 Start: none
-Rests on: the reader of the ITA toolbox, public scripts for exports of PULSE and of catman
-Never seen: files of several rates
+Based on: the reader of the ITA toolbox, public scripts for exports of PULSE and of catman
+Untested: files of several rates
 """
 
 import math

@@ -1,17 +1,17 @@
 """NI LabVIEW measurement files (LVM).
 
 Files: .lvm, .txt
-Known by: the first line `LabVIEW Measurement`
+Recognised by: the first line `LabVIEW Measurement`
 Names: the line that begins with `X_Value`
 Units: `Y_Unit_Label`
 Rate: `Delta_X`, or the columns of times where `X_Columns` is `One` or `Multi`; where its digits
     leave the rate uncertain by more than 1e-4, as 0.000977 for 1024 Hz, the provenance says so
 Start: `X0`
-Rests on: the first sections of NI's page "Specification for the LabVIEW Measurement File (.lvm)";
+Based on: the first sections of NI's page "Specification for the LabVIEW Measurement File (.lvm)";
     lvm_read.py and the files short, with_comments, with_empty_fields, uneven_comments,
     no_decimal_separator and long_single_header_multi_ch of ladisk/lvm_read, whose layout the reader
     takes
-Never seen: special blocks within the data, of which the page's section was not opened; commas as
+Untested: special blocks within the data, of which the page's section was not opened; commas as
     separators
 """
 
@@ -128,7 +128,7 @@ def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
 
 
 def _rounding(text: str) -> float:
-    """Return half a unit of a number's last digit over that number; 0 if there is no number.
+    """Return half a unit of a number's last digit, divided by that number; 0 if there is no number.
 
     LabVIEW writes six decimals, of which zeros at the end may be missing.
     """
@@ -139,7 +139,7 @@ def _rounding(text: str) -> float:
 
 
 def _facts(lines: Sequence[str], mark: str = "\t") -> dict[str, list[str]]:
-    """Return the keys of a header, in lower case, and the fields after each."""
+    """Return the fields of each header line by its key, in lower case."""
     mark = mark if any(mark in line for line in lines) else ","
     parts = [[text.strip() for text in line.split(mark)] for line in lines]
     return {row[0].lower(): row[1:] for row in parts if row[0] and len(row) > 1}

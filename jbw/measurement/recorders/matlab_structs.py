@@ -1,15 +1,15 @@
 """MATLAB: tables and timetables as structs, and structs with units and a rate beside the arrays.
 
 Files: .mat
-Known by: `Properties.VariableNames` and `Properties.VariableUnits`; or `units` beside arrays, a
-    struct of texts by their names, or as many texts as there are arrays
+Recognised by: `Properties.VariableNames` and `Properties.VariableUnits`; or `units` beside arrays,
+a struct of texts by their names, or as many texts as there are arrays
 Names: the fields
 Units: `VariableUnits`, or `units`
 Rate: a field `Time`; or a text or number called `fs`, `sample_rate`, and the
     like; or a number `dt`, in seconds
 Start: the first time
-Rests on: MathWorks' documentation of tables and timetables, and of MAT-files
-Never seen: tables as MATLAB's own objects, which are refused with what to export
+Based on: MathWorks' documentation of tables and timetables, and of MAT-files
+Untested: tables as MATLAB's own objects, which are refused with what to export
 """
 
 from collections.abc import Mapping

@@ -1,13 +1,13 @@
 """NI TDMS, of LabVIEW, FlexLogger, DIAdem, and others that write it.
 
 Files: .tdms
-Known by: the format itself
+Recognised by: the format itself
 Names: the channels' own, or `NI_ChannelName`
 Units: `unit_string`, `NI_UnitDescription`, or `unit`
 Rate: `wf_increment`, or a channel of times beside the others
 Start: `wf_start_time` and `wf_start_offset`
-Rests on: NI's description of the TDMS internal format, read by npTDMS
-Never seen: files of DAQmx raw data with scales other than linear
+Based on: NI's description of the TDMS internal format, read by npTDMS
+Untested: files of DAQmx raw data with scales other than linear
 """
 
 from collections.abc import Iterator, Mapping

@@ -1,15 +1,15 @@
 """Telephones: phyphox and others that write tables of a sensor.
 
 Files: .csv, .txt, .tsv
-Known by: a first column `Time (s)` and columns such as `Acceleration x (m/s^2)`
+Recognised by: a first column `Time (s)` and columns such as `Acceleration x (m/s^2)`
 Names: the columns
 Units: in parentheses behind the names
 Rate: the times, which jitter: `jbw init` proposes `resample`
 Start: the first time
-Rests on: DataExport.java of phyphox/phyphox-android: quoted names, comma, semicolon or tab, decimal
+Based on: DataExport.java of phyphox/phyphox-android: quoted names, comma, semicolon or tab, decimal
     comma or point, ten digits, NaN where a column is shorter; and `Raw Data.csv` of
     PHIRElab/ExampleAccML
-Never seen: tables of sensors that are sampled apart; exports of other apps
+Untested: tables of sensors that are sampled apart; exports of other apps
 """
 
 import re

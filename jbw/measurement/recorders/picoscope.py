@@ -1,15 +1,16 @@
 """PicoScope: MATLAB files and text.
 
 Files: .mat, .csv, .txt
-Known by: a number `Tinterval` beside arrays `A`, `B`, ...; in text columns `Time`, `Channel A`, ...
+Recognised by: a number `Tinterval` beside arrays `A`, `B`, ...; in text columns `Time`, `Channel
+A`, ...
 Names: the letters of the channels
 Units: none in MATLAB files; in text a row of its own in parentheses, such as `(ms),(V),(mV)`
 Rate: `Tinterval`; in text its times
 Start: `Tstart`
-Rests on: PicoScope 6 User's Guide (psw.en r32), section 6.1.1.1 "File formats for exported data":
+Based on: PicoScope 6 User's Guide (psw.en r32), section 6.1.1.1 "File formats for exported data":
     CSV, text with tabs, and MAT-files of version 4; CSV files as public scripts quote them, with a
     blank line below the units and no blanks behind the commas
-Never seen: a MAT-file of PicoScope itself; the array of times `T` in the place of `Tinterval`;
+Untested: a MAT-file of PicoScope itself; the array of times `T` in the place of `Tinterval`;
     files of several captured waveforms
 """
 

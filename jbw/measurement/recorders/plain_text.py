@@ -1,14 +1,14 @@
 """Tables of text of Polytec, m+p, HBM catman, Head acoustics, Dantec, Prosig, Data Physics, others.
 
 Files: .csv, .txt, .tsv, .dat, .asc
-Known by: a table of numbers, where no other recorder is known
+Recognised by: a table of numbers, where no other recorder is known
 Names: the last line above the table that has as many names as it has columns
 Units: behind the names in brackets, parentheses, or after a comma; or a row of their own
 Rate: a column of times; else a line such as `Sample rate: 1000 Hz` or `Interval;0.001 s`
 Start: the first time
-Rests on: not checked against a file or a description; from common knowledge of the layout. For
+Based on: not checked against a file or a description; from common knowledge of the layout. For
     catman public scripts agree, with titles such as `Time  1 - default sample rate [s]`
-Never seen: files of the programs themselves; catman's text with 29 lines of properties of each
+Untested: files of the programs themselves; catman's text with 29 lines of properties of each
     column, whose first line names them: names, units and rate are asked for
 """
 

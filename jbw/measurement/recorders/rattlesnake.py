@@ -1,13 +1,13 @@
 """Rattlesnake, a controller of vibration tests: NetCDF.
 
 Files: .nc, .nc4
-Known by: an array `time_data` of channels by samples, and a group `channels`
+Recognised by: an array `time_data` of channels by samples, and a group `channels`
 Names: node and direction of each channel, behind its type
 Units: `channels.unit`
 Rate: the attribute `sample_rate`
 Start: none
-Rests on: the user's manual of sandialabs/rattlesnake-vibration-controller, chapter on output files
-Never seen: files of several environments with other rates
+Based on: the user's manual of sandialabs/rattlesnake-vibration-controller, chapter on output files
+Untested: files of several environments with other rates
 """
 
 from collections.abc import Mapping

@@ -1,13 +1,14 @@
 """Siemens Simcenter Testlab, formerly LMS Test.Lab: MATLAB files.
 
 Files: .mat
-Known by: structs, of any name such as `Signal_0`, with `x_values.increment` and `y_values.values`
+Recognised by: structs, of any name such as `Signal_0`, with `x_values.increment` and
+`y_values.values`
 Names: `function_record.name` of each struct
 Units: `y_values.quantity.label`
 Rate: `x_values.increment`; of a spectrum the frequencies, by `x_values.quantity.label` in Hz
 Start: `x_values.start_value`
-Rests on: public scripts that load such exports, and the public KAIST data sets of rotating machines
-Never seen: a file with `unit_transformation` other than by its name; exports of several runs
+Based on: public scripts that load such exports, and the public KAIST data sets of rotating machines
+Untested: a file with `unit_transformation` other than by its name; exports of several runs
 """
 
 import math

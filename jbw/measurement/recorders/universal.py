@@ -1,13 +1,13 @@
 """Universal files, data set 58, of Testlab, Pulse, PSV, SO Analyzer, SignalCalc, DATS and others.
 
 Files: .uff, .unv
-Known by: the format itself; the program is that of set 151
-Names: the first line of identification; where it says nothing, the label of the ordinate
-Units: the label of the ordinate's unit, else by specific data type and set 164
+Recognised by: the format itself; data set 151 names the program
+Names: the first line of identification; if that is empty, the label of the ordinate
+Units: the label of the ordinate's unit, or the specific data type and data set 164
 Rate: the spacing of the abscissa
-Start: its minimum
-Rests on: SDRC's description of the data sets 58, 151 and 164, read by pyuff
-Never seen: waterfalls, and shapes of data set 55
+Start: the minimum of the abscissa
+Based on: SDRC's description of the data sets 58, 151 and 164, read by pyuff
+Untested: waterfalls, and shapes of data set 55
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def read(contents: Contents) -> Contents:
-    """Return the sets as the reader found them, and the program that wrote them."""
+    """Return the data sets unchanged, as read, with the name of the program that wrote the file."""
     program = str(contents.attributes.get("program", ""))
     return replace(contents, notes={**contents.notes, "program": program or "not stated"})
 

@@ -1,13 +1,13 @@
 """WAV of Head acoustics, Dantec, Prosig, and of sound cards.
 
 Files: .wav
-Known by: the format itself
+Recognised by: the format itself
 Names: the numbers of the channels
 Units: none: full scale is 1, and `scale` of the campaign says what that is
 Rate: the format's own
 Start: none
-Rests on: Microsoft's and IBM's description of RIFF WAVE, read by SciPy
-Never seen: calibrations in chunks of a maker's own
+Based on: Microsoft's and IBM's description of RIFF WAVE, read by SciPy
+Untested: calibrations in chunks of a maker's own
 """
 
 from dataclasses import replace

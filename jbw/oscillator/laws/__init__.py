@@ -135,7 +135,7 @@ def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
 
 
 def same_by_construction(names: Iterable[str | Kind]) -> str | None:
-    """Return a message if laws among `names` cannot be distinguished by any motion, else None.
+    """Return a message if no motion can distinguish some of the laws among `names`.
 
     The sum of two Masing laws, sliders included, is the Masing law of the sum of their virgin
     curves; and Bouc-Wen's law is the law with a free exponent at an exponent of one.

@@ -201,7 +201,8 @@ class BoucWenLaw(Law):
     ) -> tuple[Scalar, Bool[Array, "..."]]:
         """Return Z after a step, and True if Z passed zero or the step was too long."""
         moved = smooth_move(self.alpha, branch, memory, dy)
-        return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)  # pyright: ignore[reportReturnType]
+        # pyright: ignore[reportReturnType]
+        return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
@@ -224,7 +225,8 @@ class BoucWenLaw(Law):
         self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """Return the odd harmonics of Z - alpha y along a periodic motion."""
-        return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)  # pyright: ignore[reportReturnType]
+        # pyright: ignore[reportReturnType]
+        return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)
 
     def force_over_period(
         self,
@@ -235,7 +237,8 @@ class BoucWenLaw(Law):
     ) -> Float[Array, " time"]:
         """Return the exact steady force at given angles of a periodic motion [N/kg]."""
         args = self.delta, self.gamma, max_turns
-        return self.alpha * periodic_path.force_over_period(q, theta, *args)  # pyright: ignore[reportReturnType]
+        # pyright: ignore[reportReturnType]
+        return self.alpha * periodic_path.force_over_period(q, theta, *args)
 
     def check_periodic(self) -> None:
         """Raise unless nu = 1, the only case with a known force along a period."""
@@ -253,7 +256,7 @@ class BoucWenLaw(Law):
             )
 
     def doubts(self) -> str | None:
-        """Return a warning if Z has no bound for these parameters, else None."""
+        """Return a warning if Z has no bound for these parameters."""
         alpha, delta, gamma = (np.asarray(x) for x in (self.alpha, self.delta, self.gamma))
         linear = (delta == 0.0) & (gamma == 0.0)
         conditions = {

@@ -1,4 +1,4 @@
-r"""The Bouc-Wen law with any exponent, in terms of the stretch w = Z / alpha of its spring.
+r"""The Bouc-Wen law with any exponent, in terms of its spring's stretch w = Z / alpha.
 
 $$\frac{dw}{dy} = 1 - c\,|w / \mathrm{1\,mm}|^\nu, \qquad
   c = d + g\,\mathrm{sgn}(\dot y)\,\mathrm{sgn}(w)$$
@@ -34,21 +34,23 @@ from jbw.quantities import Quantity
 from jbw.report.messages.joint import SAME_EXPONENT
 
 NU = (0.1, 3.0)
-_ROUNDS = 2  # number of Newton steps that solve for the stretch after a short move
-# If the stretch changes by more than this part in a step, its power is not taken as linear.
+_ROUNDS = 2  # number of Newton steps that solve for the spring's stretch after a short move
+# If the spring's stretch changes by more than this part in a step, its power is not taken as
+# linear.
 _NEAR = 0.03
 _TINY = 1e-9  # slope of the force, relative to that at rest, in place of zero
 _PARTS = 8  # number of parts into which a move along a record is divided
-# Longest move in one part, relative to the stretch at which the slope vanishes, and number of parts
+# Longest move in one part, relative to the spring's stretch at which the slope vanishes, and number
+# of parts
 # of a longer move.
 _SHORT, _MANY_PARTS = 0.05, 32
-# The search for the steady stretch begins at no more than this part of the largest stretch.
+# The search for the stretch at a steady loop's tip begins at no more than this part of its limit.
 _INSIDE = 0.9
-_PERIODS = 4  # number of Newton steps that solve for the stretch of the steady loop
+_PERIODS = 4  # number of Newton steps that solve for the spring's stretch in the steady loop
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return, in small motion, stiffness loss / delta and damping / gamma, over (alpha Y)^nu.
+    r"""Return a weak loop's stiffness loss / delta and damping / gamma, divided by (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """
@@ -58,7 +60,7 @@ def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
 
 
 class BoucWenNu(Law):
-    r"""The Bouc-Wen law with any exponent, whose internal state is the stretch w.
+    r"""The Bouc-Wen law with any exponent, whose internal state is the stretch w of its spring.
 
     $$d = \delta\,\alpha^{\nu-1}\,\mathrm{(1\,mm)}^\nu, \qquad
       g = \gamma\,\alpha^{\nu-1}\,\mathrm{(1\,mm)}^\nu$$
@@ -141,11 +143,11 @@ class BoucWenNu(Law):
         return self.nu_stiffness
 
     def at_rest(self) -> Scalar:
-        """Return the stretch at rest, w = 0 [m]."""
+        """Return the spring's stretch at rest, w = 0 [m]."""
         return 0.0
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the additional powers of length of parameters, which are stated at 1 mm."""
+        """Return the powers of length to add to the units of parameters stated at 1 mm."""
         names = ("nu_softening", "nu_opening", "nu_alpha_d", "nu_alpha_g")
         return dict.fromkeys(names, -self.nu)
 
@@ -154,7 +156,7 @@ class BoucWenNu(Law):
         return omega_n
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Return this law as OpenSees' Bouc-Wen material, whose z is the stretch w [m]."""
+        """Return this law as OpenSees' Bouc-Wen material, whose z is the spring's stretch w [m]."""
         lost = (c / REFERENCE**self.nu for c in (self.nu_softening, self.nu_opening))
         return of_opensees(bouc_wen(mass * self.nu_stiffness, self.nu, *lost))
 
@@ -163,15 +165,15 @@ class BoucWenNu(Law):
         return self.nu_stiffness * memory
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Scalar:
-        """Return the time derivative of the stretch w [m/s]."""
+        """Return the time derivative of the spring's stretch w [m/s]."""
         return v * (1.0 - self._lost(v, memory))
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Return the stretch after a monotone move of any length; see `stretch_path`."""
+        """Return the spring's stretch after the joint moves monotonically by dy of any length."""
         return batched(stretch_path.moved, self, memory, dy)
 
     def follow(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Return the stretch after one of many moves along a record, by eight short moves.
+        """Return the spring's stretch after one of many moves along a record, in eight parts.
 
         With 250 samples per cycle the error is 1e-6 of the largest stretch for nu >= 0.5, and 2e-4
         for nu = 0.1, whose force bends sharply at w = 0.
@@ -200,7 +202,7 @@ class BoucWenNu(Law):
         return lost, lost * w / (self.nu + 1.0), lost**2 * w / (2.0 * self.nu + 1.0)
 
     def _stretched(self, w: Scalar, dy: Scalar) -> Scalar:
-        r"""Return the stretch after a short move, by Newton steps with moments of $f = c|w|^\nu$.
+        r"""Return the spring's stretch after a short move, by Newton steps with moments of f(w).
 
         $$w_1 = w + \frac{\Delta y}{\langle 1/(1 - f)\rangle}, \qquad
           \Bigl\langle\frac{1}{1 - f}\Bigr\rangle = \frac{1}{1 - m}
@@ -245,13 +247,13 @@ class BoucWenNu(Law):
     def glide(
         self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar
     ) -> tuple[Scalar, Bool[Array, "..."] | bool]:
-        """Return the stretch after one short step; w = 0 needs no special treatment."""
+        """Return the spring's stretch after one short step; w = 0 needs no special treatment."""
         return self._stretched(memory, dy), False
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the stretch after a step with a reversal, and the effect of its kink on v and y.
+        """Return the spring's stretch after a step with a reversal, and the kink's effect on v, y.
 
         The force's slope jumps by 2 alpha g |w|^nu at the kink.
         """
@@ -266,7 +268,7 @@ class BoucWenNu(Law):
         return self._stretched(w_turn, path.after), impulse.v, impulse.y
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
-        """Return the stretch after a small move dy along its tangent."""
+        """Return the spring's stretch after a small move dy along the tangent of w(y)."""
         return memory + (1.0 - self._lost(branch, memory)) * dy
 
     def missed(
@@ -292,7 +294,7 @@ class BoucWenNu(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> Scalar:
-        """Return the stretch at the tip y = Y of the steady loop."""
+        """Return the spring's stretch at the tip y = Y of the steady loop."""
         return batched(stretch_path.tip, self, y_peak)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -312,7 +314,8 @@ class BoucWenNu(Law):
         fixed = stop_gradient((self, steps))
 
         def toward(w: Array, last: Array, slope: Array) -> Array:
-            # Stretches converge over a period; in long slip, rounding makes the slope arbitrary.
+            # The spring's stretch converges within a period; in long slip, rounding makes the slope
+            # arbitrary.
             return w - (last - w) / (jnp.where(jnp.abs(slope) < 1.0, slope, 0.0) - 1.0)
 
         def newton(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -320,7 +323,7 @@ class BoucWenNu(Law):
             last, slope = jax.jvp(lambda w: _along(*fixed, w)[0], (w,), (jnp.ones_like(w),))
             return toward(w, last, slope), slope
 
-        # Start within the largest possible stretch, since the search diverges from outside.
+        # Start within the limit of the spring's stretch, since the search diverges from outside.
         limit = stretch_path.stretch_limit(jnp.maximum(*self._factors()), self.nu)
         w = stop_gradient(jnp.clip(0.5 * y[0], -_INSIDE * limit, _INSIDE * limit))
         w, slope = jax.lax.fori_loop(0, _PERIODS, newton, (w, jnp.zeros_like(w)))
@@ -333,7 +336,7 @@ class BoucWenNu(Law):
 
 
 def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Array, Array]:
-    """Return the stretch after several moves in sequence, and after each of them."""
+    """Return the spring's stretch after several moves in sequence, and after each of them."""
     # In long slip, one step between two angles may miss the range in which slip begins.
     most = jnp.max(jnp.abs(jnp.stack(law._factors())))
     longest = _SHORT * stretch_path.stretch_limit(most, law.nu)
@@ -347,7 +350,7 @@ def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Arra
 
 
 def _in_parts(operands: tuple[BoucWenNu, Scalar, Scalar]) -> Scalar:
-    """Return the stretch w after a move dy of any length, by many short moves."""
+    """Return the spring's stretch w after a move dy of any length, computed as many short moves."""
     law, w, dy = operands
     part = dy / _MANY_PARTS
     return jax.lax.fori_loop(0, _MANY_PARTS, lambda _, at: law._stretched(at, part), w)

@@ -52,7 +52,7 @@ NEWTON = (1e-10, 100.0)
 
 
 class Worn(NamedTuple):
-    """The internal state: stretch z [m], and dissipated energy e relative to alpha z_y^2 [-]."""
+    """The internal state: spring stretch z [m], dissipated energy e relative to alpha z_y^2 [-]."""
 
     stretch: Scalar
     energy: Scalar
@@ -131,7 +131,7 @@ class BWBNPinching(Law):
         return self.bwbn_stiffness
 
     def at_rest(self) -> Worn:
-        """Return the internal state at rest: no stretch, no damage."""
+        """Return the internal state at rest: an unstretched spring without damage."""
         return Worn(0.0, 0.0)
 
     def memory_unit(self, omega_n: Scalar) -> Worn:
@@ -143,7 +143,7 @@ class BWBNPinching(Law):
         return self.bwbn_stiffness * memory[0]
 
     def rate(self, y: Scalar, v: Scalar, memory: Worn) -> Worn:
-        """Return the time derivatives of the stretch z [m/s] and of the energy e [1/s]."""
+        """Return the time derivatives of the spring's stretch z [m/s] and of the energy e [1/s]."""
         return Worn(v * self.slope(v, memory), v * memory[0] / self.bwbn_yield**2)
 
     def degradation(self, energy: Scalar) -> tuple[Scalar, Scalar]:
@@ -151,7 +151,7 @@ class BWBNPinching(Law):
         return 1.0, 1.0
 
     def slope(self, v: Scalar, memory: Worn) -> Scalar:
-        """Return the slope dz/dy of the stretch for a direction of motion."""
+        """Return the slope dz/dy of the spring's stretch for a direction of motion."""
         w, n = memory[0] / self.bwbn_yield, self.bwbn_n
         nu, eta = self.degradation(memory[1])
         dissipating = signed(signed(self.bwbn_beta, v), w)
@@ -159,7 +159,7 @@ class BWBNPinching(Law):
         return self._pinched(signed(w, v), nu, memory[1]) / eta * (1.0 - lost)
 
     def _pinched(self, ahead: Scalar, nu: Scalar, energy: Scalar) -> Scalar:
-        """Return the pinching factor h for a stretch in the direction of motion."""
+        """Return the pinching factor h for the spring's stretch in the direction of motion."""
         slip = -self.bwbn_zeta_s * jnp.expm1(-self.bwbn_p * energy)
         spread = (self.bwbn_psi + self.bwbn_delta_psi * energy) * (self.bwbn_lambda + slip)
         centre = self.bwbn_q * nu ** (-1.0 / self.bwbn_n)
@@ -205,7 +205,7 @@ class BWBNPinching(Law):
         return memory
 
     def _largest(self, memory: Worn) -> Scalar:
-        r"""Return an upper bound of the stretch: 1.01 max(|initial stretch|, $z_y w_u$) [m]."""
+        r"""Return a bound of the spring's stretch: 1.01 max(|initial stretch|, $z_y w_u$) [m]."""
         nu, _ = self.degradation(memory[1])
         ultimate = self.bwbn_yield * nu ** (-1.0 / self.bwbn_n)
         return 1.01 * jnp.maximum(jnp.abs(memory[0]), ultimate)
@@ -224,7 +224,7 @@ class BWBNPinching(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Worn, ends: Ends, quartic: Scalar
     ) -> tuple[Worn, Scalar, Scalar]:
-        """Return the state after a step with a reversal, and the effect of its kink on v and y."""
+        """Return the state after a step with a reversal, and the force kink's effect on v and y."""
         path = StepPath.through(ends, quartic)
         top = self._in_parts(memory, path.before, 1)
         jump = self.bwbn_stiffness * (self.slope(path.after, top) - self.slope(path.before, top))
@@ -234,7 +234,7 @@ class BWBNPinching(Law):
         return self._in_parts(top, path.after, 1), impulse.v, impulse.y
 
     def shift(self, y: Scalar, memory: Worn, dy: Scalar, branch: Scalar) -> Worn:
-        """Return the internal state after a small move, along the tangent of the stretch.
+        """Return the internal state after a small move, along the tangent of the spring's stretch.
 
         The change of the energy is of second order and neglected.
         """
@@ -268,7 +268,7 @@ class BWBNPinching(Law):
 
     # -- for other programs ------------------------------------------------------------------------
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Return this law as OpenSees' `BWBN`; its z is the stretch [m], its energy is in J."""
+        """Return this law as OpenSees' `BWBN`; its z is the spring's stretch [m], energy in J."""
         return of_opensees(self._card(mass))
 
     def _card(self, mass: float) -> Material:

@@ -101,7 +101,7 @@ class GapSeries(Law):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning if the prior includes gaps that never close, else None."""
+        """Return a warning if the prior includes gaps that never close."""
         return beyond_all_motion("gap", bounds["gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -214,7 +214,7 @@ class GapSeries(Law):
         return second.memory, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact) -> Memory:
-        """Return the internal state after a small move: Z along its tangent, or s up to contact."""
+        """Return the internal state after a small move: force Z on its tangent, or position s."""
         z, s = memory
         contact, _ = branch
         moved = z + self._slope(z, branch) * dy

@@ -66,7 +66,7 @@ class GivenBackbone(Masing):
         return dict(zip(self.names(), (self.scale_force, self.scale_displacement), strict=True))
 
     def stiffness(self) -> Scalar:
-        """Return the slope of the scaled curve at zero [1/s^2]."""
+        """Return the initial slope of the scaled force-displacement curve [1/s^2]."""
         return self.at_zero * self.scale_force / self.scale_displacement
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
@@ -83,7 +83,7 @@ class GivenBackbone(Masing):
         return self.scale_force * self.scale_displacement * scaled_integral
 
     def _piece(self, x: Scalar) -> tuple[Float[Array, "4 ..."], Scalar, Scalar]:
-        """Return the curve's polynomial at x, the place of x in it, and the integral before it."""
+        """Return the curve's polynomial at x, x from its start, and the integral before it."""
         way = jnp.asarray(x, float) / self.scale_displacement
         knots = jnp.asarray(self.knots)
         index = jnp.sum(stop_gradient(way)[..., None] >= knots[1:], -1)

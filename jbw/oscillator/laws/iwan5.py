@@ -36,7 +36,7 @@ _WITHIN = 1.0 - 1e-14
 
 
 class SliderStretches(NamedTuple):
-    """The stretch of every slider [m], and its sliding direction, or 0 if it sticks."""
+    """The stretch of every slider's spring [m], and its sliding direction, or 0 if it sticks."""
 
     stretch: Float[Array, " slider"]
     slides: Float[Array, " slider"]
@@ -101,7 +101,7 @@ class Iwan5(Law):
         return memory.stretch @ self.array()[0]
 
     def move(self, y: Scalar, memory: SliderStretches, dy: Scalar) -> SliderStretches:
-        """Return the sliders' stretches after a monotone move, exact for each slider."""
+        """Return each spring's stretch after a monotone move, exact for each slider."""
         limit = self.array()[1]
         way = jnp.sign(jnp.asarray(dy, float))
         stuck_stretch = memory.stretch + dy
@@ -175,7 +175,7 @@ class Iwan5(Law):
         )
 
     def rate(self, y: Scalar, v: Scalar, memory: SliderStretches) -> SliderStretches:
-        """Return the rates of the stretches of stuck sliders [m/s]; `move` handles drops."""
+        """Return the rate at which stuck sliders' springs stretch [m/s]; `move` handles drops."""
         stays = memory.slides * v > 0.0
         return SliderStretches(jnp.where(stays, 0.0, v), jnp.zeros_like(memory.slides))
 

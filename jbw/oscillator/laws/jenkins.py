@@ -146,12 +146,12 @@ class Jenkins(Law):
         return sum(alpha * x for alpha, x in zip(self.alpha, memory, strict=True))
 
     def rate(self, y: Scalar, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
-        """Return the stretch rates: the velocity for stuck sliders, zero for slipping ones."""
+        """Return each spring's stretch rate: the velocity for stuck sliders, zero for slipping."""
         slips = self.branch(v, memory)
         return tuple(jnp.where(slip, 0.0, v) for slip in slips)
 
     def move(self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar) -> tuple[Scalar, ...]:
-        """Return the sliders' exact stretches after a monotone move."""
+        """Return each spring's exact stretch after a monotone move."""
         return tuple(jnp.clip(x + dy, -phi, phi) for x, phi in zip(memory, self.phi, strict=True))
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
@@ -160,12 +160,12 @@ class Jenkins(Law):
         return of_opensees(*(Material("ElasticPP", (mass * k, slip)) for k, slip in pairs))
 
     def memory_unit(self, omega_n: Scalar) -> tuple[Scalar, ...]:
-        """Return omega_n, which converts each stretch to a velocity."""
+        """Return omega_n, which converts each spring's stretch to a velocity."""
         return tuple(omega_n for _ in self.alpha)
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Bool[Array, "..."], ...]:
-        """Return which sliders slip; these are stretched exactly by their slip displacement."""
+        """Return which sliders slip; their springs are stretched by exactly their slip limit."""
         pairs = zip(memory, self.phi, strict=True)
         return tuple(signed(x, v) >= phi for x, phi in pairs)
 
@@ -185,7 +185,7 @@ class Jenkins(Law):
     def glide(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
     ) -> tuple[tuple[Scalar, ...], Bool[Array, "..."]]:
-        """Return the stretches after a move, and True if a slider began to slip."""
+        """Return each spring's stretch after a move, and whether a slider began to slip."""
         moved = self.move(y, memory, dy)
         after = self.branch(dy, moved)
         met = (now != was for now, was in zip(after, branch, strict=True))
@@ -194,7 +194,7 @@ class Jenkins(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
-        """Return the stretches after a step that may turn, and the effect of slip onsets."""
+        """Return each spring's stretch after a step that may turn, and the slip onsets' effect."""
         path = StepPath.through(ends, quartic)
         start = jnp.where(ends[0] == 0.0, ends[1], ends[0])
         # All sliders are treated at once: one by one they take several times as long to compile.
@@ -221,7 +221,7 @@ class Jenkins(Law):
     def shift(
         self, y: Scalar, memory: tuple[Scalar, ...], dy: Scalar, branch: tuple
     ) -> tuple[Scalar, ...]:
-        """Return the stretches after a small move, which changes only the stuck sliders."""
+        """Return each spring's stretch after a small move, which changes only the stuck sliders."""
         triples = zip(memory, self.phi, branch, strict=True)
         return tuple(jnp.where(slip, x, jnp.clip(x + dy, -phi, phi)) for x, phi, slip in triples)
 
@@ -232,7 +232,7 @@ class Jenkins(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> tuple[Scalar, ...]:
-        """Return the stretches at the tip y = Y of the steady loop."""
+        """Return each spring's stretch at the tip y = Y of the steady loop."""
         return tuple(jnp.minimum(y_peak, phi) for phi in self.phi)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
@@ -293,7 +293,7 @@ class Jenkins(Law):
         return side * sum(parts)
 
     def _unloading(self, phi: Scalar, peak: Scalar, y: Scalar) -> Scalar:
-        """Return a slider's stretch minus displacement on unloading: first stuck, then slipping."""
+        """Return a spring's stretch minus displacement on unloading, first stuck, then slipping."""
         return jnp.where(peak > phi, -jnp.minimum(peak - phi, y + phi), 0.0)
 
 

@@ -74,7 +74,7 @@ class KinkedSpring(Spring):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
-        r"""Return the effect on v and y of the corners passed before and after the turning point.
+        r"""Return the effect on v and y of the corners that are passed before and after the turn.
 
         From the jumps of f' and f'' at a corner, the jumps of the force's time derivatives are
 
@@ -122,7 +122,7 @@ class KinkedSpring(Spring):
 
 
 class Quadratic(KinkedSpring):
-    r"""Stiffness that changes with the size of the displacement, $f(y) = c\,y|y|$ [N/kg].
+    r"""Stiffness that changes with the magnitude of the displacement, $f(y) = c\,y|y|$ [N/kg].
 
     Attributes:
         c: Quadratic stiffness, negative if it softens [1/(m s^2)].
@@ -185,7 +185,7 @@ class Stop(KinkedSpring):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """Return a warning if the prior includes stops that the motion never reaches, else None."""
+        """Return a warning if the prior includes stops that the motion never reaches."""
         return beyond_all_motion("stop_gap", bounds["stop_gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:

@@ -73,7 +73,7 @@ def _kinked_step_jvp(primals, tangents):
 def _kinked(
     law: Law, z: Scalar, ends: Ends, quartic: Scalar
 ) -> tuple[tuple[Scalar, Scalar, Scalar], tuple[Slopes, ...]]:
-    """Return the force z at the end of a step, and the kinks' impulses over h and h^2, with slopes.
+    """Return force z at the end of a step, kink impulses divided by h and h^2, and all slopes.
 
     Under jit the derivatives are computed only if they are used.
     """
@@ -91,7 +91,7 @@ def _kinked(
 
 
 def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
-    """Return the path of a step and its turning point, with z along it."""
+    """Return the path of a step, its turning point, and the hysteretic force z along it."""
     start, end, rise = ends
     turns = jnp.asarray(start * end < 0.0)
     path = barrier(hermite(*ends))

@@ -159,7 +159,7 @@ class Masing(Law):
         return memory.stack.y, memory.stack.f
 
     def with_columns(self, y: Scalar, memory: Branch, columns: tuple) -> Branch:
-        """Return the branch at y that follows from the given load reversals."""
+        """Return the branch at y, given the load reversals' displacements and forces."""
         stack = memory.stack._replace(y=columns[0], f=columns[1])
         return self.refreshed(y, memory._replace(stack=stack))
 
@@ -288,7 +288,7 @@ class Masing(Law):
 def _where_met(
     met: Bool[Array, "..."], impulses: Callable[[], tuple[Scalar, Scalar]]
 ) -> tuple[Scalar, Scalar]:
-    """Return the effect of a kink if it is met, else zeros."""
+    """Return the effect of a kink that the step meets; zeros if it meets none."""
     nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(impulses))
     return jax.lax.cond(met, impulses, lambda: nothing)
 

@@ -68,7 +68,7 @@ def steady_force(
 
 
 def _unloading(law: Masing, peak: Scalar, y: Scalar) -> Scalar:
-    """Return F - K y on unloading from the peak, 2 l((Y - y)/2) - l(Y)."""
+    """Return F - K y on unloading from the peak, 2 l((Y - y)/2) - l(Y), with the law's `lag` l."""
     down, _ = law.lag(0.5 * jnp.maximum(peak - y, 0.0))
     tip, _ = law.lag(peak)
     return 2.0 * down - tip

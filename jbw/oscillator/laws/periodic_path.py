@@ -42,7 +42,8 @@ def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]
     """Return the displacement where z vanishes on unloading from `y_peak`, with gamma's sign."""
     sign = jnp.where(gamma < 0.0, -1.0, 1.0)
     d, g = delta * y_peak, sign * gamma * y_peak
-    return sign * y_peak * opening_and_area(half_width(d, g), d + g, g)[0]  # pyright: ignore[reportArgumentType]
+    # pyright: ignore[reportArgumentType]
+    return sign * y_peak * opening_and_area(half_width(d, g), d + g, g)[0]
 
 
 def relaxed_force(
@@ -192,7 +193,7 @@ def _zeros(
     z_turn: Float[Array, " turn"],
     law: Hysteresis,
 ) -> Float[Array, " segment"]:
-    """Return the angle at which z vanishes between two turning points, or else their middle."""
+    """Return the angle between two turning points where z vanishes, or their middle if none."""
     q, turns, y_turn, z_turn, law = stop_gradient((q, turns, y_turn, z_turn, law))
     lower, upper = turns[:-1], turns[1:]
     direction = jnp.sign(y_turn[1:] - y_turn[:-1])

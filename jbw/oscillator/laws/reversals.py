@@ -74,7 +74,7 @@ _OUT_OF_REACH = 1e3  # displacement [m] that stands for one which no motion reac
 
 
 def nothing_remembered(size: int = SIZE) -> Branch:
-    """Return the state before any motion, with room for `size` load reversals."""
+    """Return the state before any motion, with storage for `size` load reversals."""
     none = (0.0,) * size
     return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Stack(0.0, 0.0, 0.0, none, none))
 
@@ -155,7 +155,7 @@ def _closing_place(y: Entries, count: Scalar) -> Scalar:
 
 
 def _mirrored(entries: Entries) -> Scalar:
-    """Return the displacement of a stack's second entry, mirrored about its first [m].
+    """Return the displacement of the second load reversal, mirrored about the first [m].
 
     The first branch after the virgin curve closes there.
     """

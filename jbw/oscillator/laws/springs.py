@@ -20,7 +20,8 @@ from jbw.report.messages import joint as messages
 
 # Displacements at which a force is tested for oddness [m].
 _PROBES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
-# Largest force of a spring at the largest displacement over the linear force, for the prior.
+# Largest force of a spring at the largest displacement, relative to the linear force, for the
+# prior.
 MOST_SHARE = 0.3
 
 

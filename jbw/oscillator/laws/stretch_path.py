@@ -23,7 +23,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 # The Gauss-Legendre rule on [0, 1], in NumPy because JAX may be switched to float64 later.
 UNIT_RULE = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _UNIT, _UNIT_WEIGHTS = UNIT_RULE
-_HALVINGS = 60  # number of bisections in the search for a stretch
+_HALVINGS = 60  # number of bisections in the search for the spring's stretch
 # Largest stretch in a search, relative to the length of the move, for a spring that hardens.
 _FAR = 16.0
 # Part of the limit from which on the integral's pole is integrated analytically.
@@ -42,7 +42,7 @@ class StretchLaw(Protocol):
 
 
 def _way(c: Scalar, w: Scalar, nu: Scalar, gap: Scalar | None = None) -> Scalar:
-    r"""Return the displacement to a stretch w, $\int_0^w dt / (1 - c|t/\mathrm{1\,mm}|^\nu)$."""
+    r"""Return the travel that stretches a spring by w: $\int_0^w dt/(1-c|t/\mathrm{1mm}|^\nu)$."""
     return w + _lag(c, w, nu, 0, gap)
 
 
@@ -79,14 +79,14 @@ def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None
 
 
 def stretch_limit(c: Scalar, nu: Scalar) -> Scalar:
-    """Return the largest stretch, at which 1 - c |w|^nu vanishes; infinite if c <= 0."""
+    """Return the limit of the spring's stretch, where 1 - c |w|^nu vanishes; infinite if c <= 0."""
     bounded = c > 0.0
     most = power(1.0 / jnp.where(bounded, c, 1.0), 1.0 / nu)
     return jnp.where(bounded, REFERENCE * most, jnp.inf)
 
 
 def _gap(q: Scalar, c: Scalar, nu: Scalar, most: Scalar) -> Scalar:
-    r"""Return the distance of a stretch $w = L_m (1 - e^{-q})$ from the limit L of c, over L.
+    r"""Return the relative distance, 1 - w/L, of a stretch $w = L_m (1 - e^{-q})$ from its limit L.
 
     $$1 - w/L = (1 - L_m/L) + e^{-q} L_m/L$$
 
@@ -128,7 +128,7 @@ def _root(
 
 
 def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
-    """Return the stretch after a move: unloading to zero, then loading on the other side."""
+    """Return the spring's stretch after a move: unload it to zero, then load the other side."""
     w, nu = jnp.asarray(memory, float), law.nu
     against = w * dy < 0.0
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
@@ -149,7 +149,7 @@ def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
 
 
 def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Scalar:
-    """Return the derivative of the displacement with respect to q, finite even near the limit."""
+    """Return d(displacement) / dq for w = L (1 - e^-q); it is finite even near the limit L."""
     gap = jnp.maximum(_gap(q, c, nu, most), 1e-300)
     lost = c * power(-scale * jnp.expm1(-q) / REFERENCE, nu)
     near = gap < _POLE
@@ -158,7 +158,7 @@ def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Sca
 
 
 def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Return the tip stretch of a loop in terms of q, with its scale and the nearer limit's c."""
+    """Return q of the spring's stretch at a loop's tip, with its scale and the nearer limit's c."""
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
     most, nu = jnp.maximum(less, more), law.nu
     scale, largest = _scale(most, nu, 2.0 * peak)
@@ -175,7 +175,7 @@ def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
 
 
 def tip(law: StretchLaw, y_peak: Scalar) -> Scalar:
-    r"""Return the stretch at the tip of a loop: $D_{d-g}(w) + D_{d+g}(w) = 2Y$."""
+    r"""Return the spring's stretch w at the tip of a loop, where $D_{d-g}(w) + D_{d+g}(w) = 2Y$."""
     peak = jnp.abs(jnp.asarray(y_peak, float))
     q, scale, _ = _tip(law, peak)
     return signed(-scale * jnp.expm1(-q), jnp.asarray(y_peak, float))

@@ -62,7 +62,7 @@ class Valanis(Law):
         return cls(stiffness, 0.0, stiffness / friction, 0.0)
 
     def bouc_wen_limit(self) -> BoucWenLaw:
-        """Return the equal Bouc-Wen law for kappa = 0, to which a spring E_t is parallel."""
+        """Return the Bouc-Wen law that equals this law at kappa = 0, less a parallel spring E_t."""
         alpha = self.valanis_stiffness * (1.0 - self.valanis_hardening)
         return BoucWenLaw(alpha, 0.0, self.valanis_rate)
 

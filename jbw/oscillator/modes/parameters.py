@@ -119,7 +119,7 @@ def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscill
 
 
 def gain_ratios(theta: Mapping[str, Any]) -> list[Any]:
-    """Return the gain of every mode over that of the first mode."""
+    """Return the ratio of every mode's gain to that of the first mode."""
     return [1.0, *(theta[names.ratio] for names in NAMES if names.omega in theta)]
 
 

@@ -240,7 +240,8 @@ def modal_stepping(
     on_q, on_v = (
         tuple(
             tuple(held.gain * b * w[j] for j in range(len(pieces)))
-            for b, w in zip(structure.b, moments, strict=True)  # pyright: ignore[reportArgumentType]
+            # pyright: ignore[reportArgumentType]
+            for b, w in zip(structure.b, moments, strict=True)
         )
         for moments in (moments_y, moments_v)
     )
@@ -252,7 +253,8 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
     h, p, b = jnp.asarray(structure.h), jnp.asarray(structure.p), jnp.asarray(structure.b)
     joints = range(h.shape[0])
     modes, weights, moments_y, moments_v = [], [], [], []
-    for i, (omega_n, zeta) in enumerate(zip(structure.omega_n, structure.zeta, strict=True)):  # pyright: ignore
+    # pyright: ignore
+    for i, (omega_n, zeta) in enumerate(zip(structure.omega_n, structure.zeta, strict=True)):
         stiffness, damping = omega_n**2, 2.0 * zeta * omega_n
         m = barrier(impulse_moments(stiffness, damping, dt, NUM_MOMENTS))
         (r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v) = (
@@ -429,7 +431,7 @@ def _smooth(at: Begun, path: Path) -> End:
 
 
 def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
-    """Return a joint's effect on the modes, and the end of its step with the effect of cusps."""
+    """Return a joint's effect on the modes, and its step's end corrected for cusps of the force."""
     laws, none = at.kernel.laws, jnp.zeros_like(shift)
     if not laws:
         return Passed(none, none, none, none, none), end

@@ -32,7 +32,8 @@ Memories = tuple[Memory, ...]  # internal states of the laws of one joint, or of
 
 def _as_laws(laws: Any) -> Laws:
     """Convert any sequence of laws, or of sequences of laws, to tuples."""
-    return tuple(tuple(law) if isinstance(law, tuple | list) else law for law in laws)  # pyright: ignore
+    # pyright: ignore
+    return tuple(tuple(law) if isinstance(law, tuple | list) else law for law in laws)
 
 
 class Structure(eqx.Module):
@@ -101,7 +102,8 @@ def by_joint(structure: Structure) -> Structure:
 def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) -> Laws:
     """Apply a function to every law, together with its joint's entries of other sequences."""
     return tuple(
-        tuple(function(law, *entries) for law in of_joint)  # pyright: ignore[reportGeneralTypeIssues]
+        # pyright: ignore[reportGeneralTypeIssues]
+        tuple(function(law, *entries) for law in of_joint)
         for of_joint, *entries in zip(laws, *of_joints, strict=True)
     )
 
@@ -129,7 +131,7 @@ class Commensurate(NamedTuple):
 
 
 def admitted(structure: Structure) -> Structure:
-    """Check a structure; return it with an array for every number.
+    """Check a structure; return it with all numbers converted to arrays.
 
     Raises:
         ConfigError: Shapes differ, or no mode moves a joint.
@@ -297,7 +299,8 @@ def warn_of_stiff_joints(structure: Structure) -> None:
         return
     all_joints = by_joint(structure)
     h, p, omega_n = (np.asarray(x) for x in (all_joints.h, all_joints.p, all_joints.omega_n))
-    k = np.array([sum(float(law.stiffness()) for law in laws) for laws in all_joints.laws])  # pyright: ignore
+    # pyright: ignore
+    k = np.array([sum(float(law.stiffness()) for law in laws) for laws in all_joints.laws])
     compliance = np.divide(1.0, omega_n**2, out=np.zeros_like(omega_n), where=omega_n > 0.0)
     shares = k[:, None] * ((h * compliance) @ p)
     largest = float(np.max(np.real(np.linalg.eigvals(shares))))

@@ -214,7 +214,8 @@ def frequency_response(  # pyright: ignore[reportInconsistentOverload]
     require_sense(joint, omega, amplitude, num_harmonics, max_turns)
     solve = partial(_sweep, as_oscillator(joint), omega, amplitude, num_harmonics)
     joint, amplitude = jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], (joint, amplitude))
-    return converged(solve, joint, omega, amplitude, max_turns)  # pyright: ignore[reportArgumentType]
+    # pyright: ignore[reportArgumentType]
+    return converged(solve, joint, omega, amplitude, max_turns)
 
 
 @partial(jax.jit, static_argnums=(3, 4))
@@ -322,7 +323,7 @@ def tone_at_phase(
 def _imbalance(
     joint: Joint, omega: Scalar, y_peak: Scalar, x: Float[Array, " unknown"]
 ) -> Complex[Array, " harmonic"]:
-    """Return the residual of harmonic balance relative to Y, for given higher harmonics over Y."""
+    """Return the residual of harmonic balance relative to Y; higher harmonics are relative, too."""
     real, imaginary = jnp.split(x, 2)
     higher = jax.lax.complex(real, imaginary)
     q = jnp.asarray(y_peak * jnp.concatenate([jnp.ones(1, complex), higher]))

@@ -96,7 +96,7 @@ def or_plan(folder: str) -> str:
 def finished(folder: str, page: str) -> str:
     """Return the message that a run is finished, and where its report is (`page`, if written)."""
     where = f": see {page}" if page else f"; to write its report: jbw report {folder}"
-    return f"The run in {folder} is finished{where}."
+    return f"The run in folder `{folder}` is finished{where}."
 
 
 def without_model(campaign: str) -> str:

@@ -151,7 +151,13 @@ def threshold(y: Estimate, y_peak: float, rests: str) -> str:
         f"[{low / y_peak:.2g}, {high / y_peak:.2g}] times the largest motion"
     )
     if high <= y_peak:
-        return f"{place}: the tests reached it"
+        return f"{place}: the tests reached this motion"
     if low > y_peak:
-        return f"{place}: the tests did not reach it, so that only the prior determines {rests}"
-    return f"{place}: the tests may have reached it, so that the prior helps to determine {rests}"
+        return (
+            f"{place}: the tests did not reach this motion, so that only the prior determines "
+            f"{rests}"
+        )
+    return (
+        f"{place}: the tests may not have reached this motion, so that the prior helps to "
+        f"determine {rests}"
+    )

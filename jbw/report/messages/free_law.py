@@ -79,6 +79,6 @@ def gap_sliders(count: int, error: float, gap: float) -> str:
 def held_out_loop(test: str, error: float, with_own: float) -> str:
     """Return the sentence on how well sliders behind gaps predict a held-out loop."""
     return (
-        f"The sliders behind gaps predict the held-out test {test} with an error of "
+        f"The sliders behind gaps predict the held-out test `{test}` with an error of "
         f"{percent(error)} of the rms ({percent(with_own)} with a separate constant force for it)."
     )

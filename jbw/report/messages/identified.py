@@ -140,12 +140,12 @@ def costs(shown: Sequence[str]) -> str:
 
 COLUMNS: Mapping[str, str] = {
     "direction_text": "combination",
-    "direction_information": "inverse variance of the posterior over that of the prior",
-    "direction_ratio": "posterior standard deviation over that of the prior, from the fit",
+    "direction_information": "inverse variance of the posterior / that of the prior",
+    "direction_ratio": "posterior standard deviation / that of the prior, from the fit",
     "loadings": "share of each parameter in the combination, in prior standard deviations",
     "cost": "lowest cost that the fit reached from a start",
     "relative": "standard deviation over value, from the fit",
-    "ratio": "posterior standard deviation over that of the prior, from the fit",
+    "ratio": "posterior standard deviation / that of the prior, from the fit",
     "contraction": (
         "1 minus the posterior variance over the prior variance, in logarithms of positive "
         "parameters"

@@ -43,11 +43,11 @@ def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -
         else ""
     )
     return (
-        f"How the shaker is attached was determined from test {test}. The effect of the "
+        f"The attachment of the shaker was determined from test `{test}`. The effect of the "
         "attachment on omega_n and zeta is predicted, with a standard deviation of "
         f"{percent(share, '.0f')} of this effect{doubled}. The attachment changes the modal "
-        f"mass by {percent(added, '+.2f')}; the resulting equal change of the joint's share of "
-        "the stiffness is neglected."
+        f"mass by {percent(added, '+.2f')}. The joint's share of the stiffness changes by as much; "
+        "this change is neglected."
     )
 
 

@@ -11,7 +11,7 @@ SAME_EXPONENT = "with an exponent of 1 the two laws are the same"
 EVEN_SQUARE = "`square` is a spring whose force is even in the displacement"
 
 # What a record that stays below a threshold of a law leaves undetermined.
-BEHIND_GAP = "the parameters behind the gap"
+BEHIND_GAP = "the parameters that act once the gap closes"
 STUCK_SLIDER = "its stiffness (the data determine only its sum with other stuck sliders)"
 
 

@@ -59,7 +59,7 @@ def units_of_resonance(response: Mapping[str, str]) -> dict[str, dict[str, str]]
         "jump_up": {**HERTZ, "long_name": "frequency of the jump to the upper branch"},
         "jump_down": {**HERTZ, "long_name": "frequency of the jump to the lower branch"},
         "folds": {**NUMBER, "long_name": "share of draws whose response curve folds"},
-        "reach": {**NUMBER, "long_name": "displacement over the largest fitted displacement"},
+        "reach": {**NUMBER, "long_name": "displacement / largest fitted displacement"},
         "withheld": {**NUMBER, "long_name": "1 if no band can be stated, otherwise 0"},
     }
 

@@ -107,7 +107,7 @@ def numbered(mode: int, hz: float) -> str:
     return f"Mode {mode}, at {hz:.4g} Hz,"
 
 
-MOTION_FACTOR = "measured motion over that of the matrices"
+MOTION_FACTOR = "measured motion relative to that of the matrices"
 LAWS_BY_MODEL = (
     "In all other modes the motion of a joint is taken from the matrices, and the laws of the "
     "joint refer to the motion in these modes."
@@ -115,7 +115,7 @@ LAWS_BY_MODEL = (
 
 
 def moved_by_factor(mode: int, joint: str, factor: float, low: float, high: float) -> str:
-    """Return the sentence on a mode's motion of a joint over that of the matrices (99 %)."""
+    """Return the sentence on a joint's motion in a mode relative to that of the matrices (99 %)."""
     return (
         f"Mode {mode} moves {joint} {factor:.3g} [{low:.3g}, {high:.3g}] times as much as the "
         "matrices predict."

@@ -31,7 +31,10 @@ def correlated(share: float, count: int) -> str:
 
 def left_of_motion(errors: str) -> str:
     """Return the message on residuals by mode, over their rms."""
-    return f"RMS residual of the free decays at the optimum over the rms of their motion: {errors}."
+    return (
+        "RMS residual of the free decays at the optimum, relative to the rms of their motion: "
+        f"{errors}."
+    )
 
 
 def moves_joint(mode: int, hz: float, h: float, p: float) -> str:

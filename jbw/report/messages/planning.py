@@ -72,7 +72,7 @@ def with_median(worst: float, median: float) -> str:
 
 def before(cvs: Mapping[str, str]) -> str:
     """Return the message on the coefficients of variation without any of the planned tests."""
-    return f"CV before these tests: {_pairs(cvs)}."
+    return f"CV before these tests, which 90 % of joints do not exceed: {_pairs(cvs)}."
 
 
 def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:

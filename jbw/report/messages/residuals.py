@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from jbw.report.messages.message import capital, listed, percent
 
 ERROR_FROM_REST = "error of a test when it is predicted from the other tests"
-SD_RATIO = "standard deviation from a fit without this kind of test, over that from the fit with it"
+SD_RATIO = "standard deviation from a fit without this kind of test / that from the fit with it"
 WITH_FREQUENCY = ", with a separate natural frequency"
-Z_SCORE = "change of the fit over the standard deviation of such a change by chance"
-WIDER_WITHOUT = "standard deviation from a fit without this run, over that from the fit with it"
+Z_SCORE = "change of the fit divided by the standard deviation of such a change by chance"
+WIDER_WITHOUT = "standard deviation from a fit without this run / that from the fit with it"
 IN_GRADE = "The grade of the law already includes this error."
 NOT_PREDICTED = "The law does not predict tests that were not fitted."
 FIT_MISSED = "Fit these tests too, or look for a difference between the tests: jbw look."

@@ -22,7 +22,7 @@ PURPOSE = {
     "pull": "Loop under a prescribed displacement: stiffness and hysteretic force.",
     "curve": "Response curve; a controller holds the amplitude of the response.",
     "backbone": "Phase-locked backbone: frequency, force and amplitude at phase resonance.",
-    "phase": "Points at another phase, which a controller holds.",
+    "phase": "Points at a phase other than that of resonance, held by a controller.",
     "s": "S-curve: the force that holds each amplitude at one frequency.",
 }
 """The purpose of each kind of test, by the beginning of its name."""

@@ -70,7 +70,7 @@ def compliance(constant: str, unit: str) -> str:
 
 def no_shaker(test: str, why: str) -> str:
     """Return the message that a record does not show its shaker."""
-    return f"The shaker of test {test} is not identified. {why}"
+    return f"The shaker of test `{test}` is not identified. {why}"
 
 
 def identify_anew(folder: str) -> str:
@@ -214,7 +214,7 @@ VARIABLES = {
         "repeats with the standard deviation between them [nats]"
     ),
     "conv": "running mean of the response's energy, conv(n)",
-    "extrapolation": "largest displacement over the largest fitted displacement",
+    "extrapolation": "largest displacement / largest fitted displacement",
     "line": (
         "RMS error of a linear oscillator fitted to the session, divided by the rms of the session"
     ),

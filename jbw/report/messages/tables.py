@@ -29,9 +29,9 @@ MATRIX_B = (
 ERROR = "RMS error /\nrms of the record"
 OWN_FREQUENCY = "the same, with the\nrecord's own frequency"
 HALF_WIDTH = "half width of the band /\nrms of the record"
-CUT_LESS_JOINT = "cut less joint,\nover the joint's sd"
+CUT_LESS_JOINT = "(cut - joint) /\njoint sd"
 MODEL_AREA = "model [mJ/kg]\n99 % parameter band"
-FIRST_OF_AMPLITUDE = "stiffness over the first\nof this amplitude"
+FIRST_OF_AMPLITUDE = "stiffness / first stiffness\nof this amplitude"
 SD_OVER_VALUE = "sd / value,\nby the fit"
 SD_OVER_PRIOR = "sd / prior's,\nby the fit"
 PROFILE_INTERVAL = "99 % interval\nof the profile"
@@ -41,7 +41,7 @@ COHERENCE = "lowest coherence of a test at the resonance"
 COHERENCE_NOTE = "near 1 if the records are long enough for the damping and free of noise"
 VARIATION_NOTE = "between repeats; compare it with the standard deviations of Table 1"
 HARMONIC = "largest third harmonic of the source"
-HARMONIC_NOTE = "of Y(3ω), removed with the measured input"
+HARMONIC_NOTE = "of Y(3ω); removed by means of the measured input"
 
 
 def rests_on(parameters: Sequence[str]) -> str:

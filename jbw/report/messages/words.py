@@ -110,11 +110,11 @@ WORDS: dict[tuple[str, ...], str] = {
         "than the prior does: the ratio of the inverse variances."
     ),
     ("sd / prior's", "sd / prior's, by the fit"): (
-        "Standard deviation of the posterior over that of the prior: 1 means that the data add "
+        "Standard deviation of the posterior / that of the prior: 1 means that the data add "
         "nothing."
     ),
     ("contraction", "contraction, by the draws"): (
-        "1 minus the variance of the draws over that of the prior. 100 %: determined by the data; "
+        "1 minus the ratio of the draws' variance to the prior's. 100 %: determined by the data; "
         "0 %: unchanged from the prior."
     ),
     ("follows its bounds", "follows its bounds, in sds"): (
@@ -343,7 +343,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "measured and predicted area per kilogram of modal mass, from the restoring force, and "
         "whether the two bands overlap."
     ),
-    ("joint sd / cut sd", "cut less joint, over the joint's sd"): (
+    ("joint sd / cut sd", "(cut - joint) / joint sd"): (
         "Comparison of the steps of Teloli et al. (cut: each step fixes the results of earlier "
         "steps) with the joint posterior of all parameters."
     ),
@@ -401,7 +401,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "Damping ratio of the linear spring and damper that dissipate the same energy in a cycle: "
         "the work over 2 pi times the stiffness and the squared amplitude."
     ),
-    ("stiffness over the first of this amplitude",): (
+    ("stiffness / first stiffness of this amplitude",): (
         "Secant stiffness of a cycle over that of the first cycle of equal amplitude. Below 1 the "
         "joint degrades."
     ),
