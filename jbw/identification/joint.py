@@ -62,7 +62,7 @@ class JointProblem:
 
     data: Dataset  # all fitted tests, reduced
     settings: Identify
-    # starting values from earlier fits, such as Steps 2 to 4
+    # starting values from Steps 2 to 4
     known: Mapping[str, float] = field(default_factory=dict)
     readings: Readings = NOTHING  # results of single-mode fits, for several joints
     tests: tuple[Test, ...] = ()  # tests, whose sources determine the units of gains

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import partial
 from time import perf_counter
 
@@ -94,7 +93,6 @@ def identify(
     # Steps 3 and 4 with earlier results fixed, as in Teloli et al.
     paper = paper_route(measured, keys, report, keep)
     problem = joint_problem(measured, paper.means, seed=seed, report=report)
-    problem = replace(problem, known={**prepared.known, **problem.known})
     key = parts_of(next(keys), NUM_PARTS)
     # The fit determines starts, noise, run effects, coordinates and solver steps.
     fit = fit_problem(key[:2], problem)

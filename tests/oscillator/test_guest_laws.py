@@ -280,7 +280,7 @@ def outside(**methods):
         ),
         (
             {"harmonics": lambda self, q, max_turns, omega=0.0: 0.0 * q},
-            "`harmonics` must be those of `force`",
+            "`harmonics` must be the harmonics of `force`",
         ),
         ({"loop": lambda self, y: Loop(0.0 * y, 0.0 * y)}, "cannot be tested .*: TypeError"),
         (

@@ -18,7 +18,8 @@ UNITS = {
     **dict.fromkeys(("y", "y_min", "y_max"), "m"),
     "frequency_hz": "Hz", "frequency_sd": ("Hz", "frequency_hz"),
     "damping_sd": (PURE, "damping"), "stiffness": "N/m", "tone_hz": "Hz",
-    **dict.fromkeys(("damping", "records", "left", "third", "noise", "coherence"), PURE),
+    **dict.fromkeys(("damping", "records", "left", "residual", "third"), PURE),
+    **dict.fromkeys(("noise", "coherence"), PURE),
     # cycles of a loop
     "amplitude": "m", "work": "N m", **dict.fromkeys(("retained", "repeated"), PURE),
     # check

@@ -12,7 +12,7 @@ def held_parameters(names: str, times: str, far: str) -> str:
     """Return the message on how the parameters that Step 4 fixes affect gamma."""
     return (
         f"Step 4 of Teloli et al. takes {names} as exactly known; its gamma is valid only if "
-        f"they are. With all parameters free, the standard deviation of gamma is {times} times "
+        f"they are. With all parameters free, the standard deviation of gamma is {times} "
         f"that of Step 4, and the two means differ by {far} of these standard deviations. Use "
         "the joint posterior of all parameters."
     )
