@@ -99,7 +99,7 @@ def pulse_of(text: str, fs: float = 0.0) -> Pulse:
     units = [measured(plain(found[2])) if found else None for found in match]
     second = measured("s")
     # pyright: ignore[reportOptionalSubscript]
-    if len(parts) not in (2, 3) or None in units or not second or units[1][1] != second[1]:
+    if len(parts) not in (2, 3) or None in units or not second or units[1][1] != second[1]:  # pyright: ignore[reportOptionalSubscript]
         raise ConfigError(
             f"A shock must state its peak and its duration with units, but is {text!r}.",
             remedy="Write it as `20g,11ms`, or with its shape as `20g,11ms,sawtooth`.",
@@ -107,11 +107,11 @@ def pulse_of(text: str, fs: float = 0.0) -> Pulse:
     values = [_number(found[1], text) for found in match if found]
     unit = next(
         # pyright: ignore[reportOptionalSubscript]
-        (name for name in ("m/s^2", "N", "V") if measured(name)[1] == units[0][1]),
+        (name for name in ("m/s^2", "N", "V") if measured(name)[1] == units[0][1]),  # pyright: ignore[reportOptionalSubscript]
         plain(match[0][2]),  # pyright: ignore[reportOptionalSubscript]
     )
     # pyright: ignore[reportOptionalSubscript]
-    peak, duration = (value * factor[0] for value, factor in zip(values, units, strict=True))
+    peak, duration = (value * factor[0] for value, factor in zip(values, units, strict=True))  # pyright: ignore[reportOptionalSubscript]
     return classical_pulse(peak, duration, unit, *parts[2:], fs=fs)
 
 

@@ -217,7 +217,7 @@ def motion(
     # The force between samples follows from the spectrum of the samples; both ends are at rest.
     joint = oscillator_of(theta, laws)
     # pyright: ignore[reportArgumentType]
-    specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))
+    specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))  # pyright: ignore[reportArgumentType]
     h, size = 1 / (fs * STEPS), force.shape[-1]
     # Zeros added to the spectrum give the input at the ends and in the middle of the steps.
     fine = jnp.fft.irfft(jnp.fft.rfft(force), 2 * STEPS * size) * 2 * STEPS

@@ -112,7 +112,7 @@ def _sums(substeps: int, task: _Task) -> Sums:
     )
     tree = jax.tree.structure((state, totals))
     # pyright: ignore
-    _, (square, along, peak) = jax.tree.unflatten(tree, [x[-1] for x in solution.ys])
+    _, (square, along, peak) = jax.tree.unflatten(tree, [x[-1] for x in solution.ys])  # pyright: ignore
     return Sums(square, jnp.stack(along) if along else jnp.zeros(0), peak)
 
 

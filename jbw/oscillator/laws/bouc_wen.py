@@ -202,7 +202,7 @@ class BoucWenLaw(Law):
         """Return Z after a step, and True if Z passed zero or the step was too long."""
         moved = smooth_move(self.alpha, branch, memory, dy)
         # pyright: ignore[reportReturnType]
-        return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)
+        return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)  # pyright: ignore[reportReturnType]
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
@@ -226,7 +226,7 @@ class BoucWenLaw(Law):
     ) -> Complex[Array, " harmonic"]:
         """Return the odd harmonics of Z - alpha y along a periodic motion."""
         # pyright: ignore[reportReturnType]
-        return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)
+        return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)  # pyright: ignore[reportReturnType]
 
     def force_over_period(
         self,
@@ -238,7 +238,7 @@ class BoucWenLaw(Law):
         """Return the exact steady force at given angles of a periodic motion [N/kg]."""
         args = self.delta, self.gamma, max_turns
         # pyright: ignore[reportReturnType]
-        return self.alpha * periodic_path.force_over_period(q, theta, *args)
+        return self.alpha * periodic_path.force_over_period(q, theta, *args)  # pyright: ignore[reportReturnType]
 
     def check_periodic(self) -> None:
         """Raise unless nu = 1, the only case with a known force along a period."""

@@ -43,7 +43,7 @@ def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]
     sign = jnp.where(gamma < 0.0, -1.0, 1.0)
     d, g = delta * y_peak, sign * gamma * y_peak
     # pyright: ignore[reportArgumentType]
-    return sign * y_peak * opening_and_area(half_width(d, g), d + g, g)[0]
+    return sign * y_peak * opening_and_area(half_width(d, g), d + g, g)[0]  # pyright: ignore[reportArgumentType]
 
 
 def relaxed_force(

@@ -241,7 +241,7 @@ def modal_stepping(
         tuple(
             tuple(held.gain * b * w[j] for j in range(len(pieces)))
             # pyright: ignore[reportArgumentType]
-            for b, w in zip(structure.b, moments, strict=True)
+            for b, w in zip(structure.b, moments, strict=True)  # pyright: ignore[reportArgumentType]
         )
         for moments in (moments_y, moments_v)
     )
@@ -254,7 +254,7 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
     joints = range(h.shape[0])
     modes, weights, moments_y, moments_v = [], [], [], []
     # pyright: ignore
-    for i, (omega_n, zeta) in enumerate(zip(structure.omega_n, structure.zeta, strict=True)):
+    for i, (omega_n, zeta) in enumerate(zip(structure.omega_n, structure.zeta, strict=True)):  # pyright: ignore
         stiffness, damping = omega_n**2, 2.0 * zeta * omega_n
         m = barrier(impulse_moments(stiffness, damping, dt, NUM_MOMENTS))
         (r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v) = (

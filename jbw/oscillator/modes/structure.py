@@ -33,7 +33,7 @@ Memories = tuple[Memory, ...]  # internal states of the laws of one joint, or of
 def _as_laws(laws: Any) -> Laws:
     """Convert any sequence of laws, or of sequences of laws, to tuples."""
     # pyright: ignore
-    return tuple(tuple(law) if isinstance(law, tuple | list) else law for law in laws)
+    return tuple(tuple(law) if isinstance(law, tuple | list) else law for law in laws)  # pyright: ignore
 
 
 class Structure(eqx.Module):
@@ -103,7 +103,7 @@ def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) ->
     """Apply a function to every law, together with its joint's entries of other sequences."""
     return tuple(
         # pyright: ignore[reportGeneralTypeIssues]
-        tuple(function(law, *entries) for law in of_joint)
+        tuple(function(law, *entries) for law in of_joint)  # pyright: ignore[reportGeneralTypeIssues]
         for of_joint, *entries in zip(laws, *of_joints, strict=True)
     )
 
@@ -300,7 +300,7 @@ def warn_of_stiff_joints(structure: Structure) -> None:
     all_joints = by_joint(structure)
     h, p, omega_n = (np.asarray(x) for x in (all_joints.h, all_joints.p, all_joints.omega_n))
     # pyright: ignore
-    k = np.array([sum(float(law.stiffness()) for law in laws) for laws in all_joints.laws])
+    k = np.array([sum(float(law.stiffness()) for law in laws) for laws in all_joints.laws])  # pyright: ignore
     compliance = np.divide(1.0, omega_n**2, out=np.zeros_like(omega_n), where=omega_n > 0.0)
     shares = k[:, None] * ((h * compliance) @ p)
     largest = float(np.max(np.real(np.linalg.eigvals(shares))))

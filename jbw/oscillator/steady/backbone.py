@@ -215,7 +215,7 @@ def frequency_response(  # pyright: ignore[reportInconsistentOverload]
     solve = partial(_sweep, as_oscillator(joint), omega, amplitude, num_harmonics)
     joint, amplitude = jax.tree.map(lambda leaf: jnp.asarray(leaf)[..., None], (joint, amplitude))
     # pyright: ignore[reportArgumentType]
-    return converged(solve, joint, omega, amplitude, max_turns)
+    return converged(solve, joint, omega, amplitude, max_turns)  # pyright: ignore[reportArgumentType]
 
 
 @partial(jax.jit, static_argnums=(3, 4))
