@@ -111,9 +111,8 @@ def _identified(path: Path, middle: str) -> dict[str, Any]:
     found |= {"findings": {each.code: each.status for each in study.verdict.findings}}
     width = float(attrs.get("half_width", np.nan)) / (REACH * float(attrs["nrmse"]))
     return found | {
-        "error": float(attrs["nrmse"]), "linear": float(attrs.get("nrmse_linear", np.nan)),
-        "held": float(attrs.get("coverage", np.nan)), "width": width,
-        "withheld": str(attrs.get("withheld", "")),
+        "error": float(attrs["nrmse"]), "held": float(attrs.get("coverage", np.nan)),
+        "width": width, "withheld": str(attrs.get("withheld", "")),
     }  # fmt: skip
 
 

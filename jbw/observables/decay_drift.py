@@ -27,6 +27,7 @@ class Drift(NamedTuple):
     rate: float
     rest: Complex[np.ndarray, " value"]  # residual of the envelope without the drift
     measured: Complex[np.ndarray, " value"]
+    weight: Float[np.ndarray, " value"]  # weight w t of each value
 
 
 def drift_of(
@@ -39,24 +40,15 @@ def drift_of(
 
     Values that do not exceed the noise have no weight. The drift is zero if no value exceeds it.
     """
-    weight = _weights(measured, predicted, noise_std) * time
+    smaller = np.minimum(np.abs(measured), np.abs(predicted))
+    weight = np.where(smaller > ABOVE_NOISE * noise_std, smaller, 0.0) ** 2 * time
     heard = weight > 0.0
     ratio = measured[heard] / predicted[heard]
     along = np.sum((weight * time)[heard]) if np.any(heard) else np.inf
     frequency = float(np.sum(weight[heard] * np.unwrap(np.angle(ratio))) / along)
     rate = -float(np.sum(weight[heard] * np.log(np.abs(ratio))) / along)
     rest = measured - predicted * np.exp((-rate + 1j * frequency) * time)
-    return Drift(frequency, rate, rest, measured)
-
-
-def _weights(
-    measured: Complex[np.ndarray, " value"],
-    predicted: Complex[np.ndarray, " value"],
-    noise_std: float,
-) -> Float[np.ndarray, " value"]:
-    """Return the smaller of both envelopes' squared amplitudes; zero for values within noise."""
-    smaller = np.minimum(np.abs(measured), np.abs(predicted))
-    return np.where(smaller > ABOVE_NOISE * noise_std, smaller, 0.0) ** 2
+    return Drift(frequency, rate, rest, measured, weight)
 
 
 class LeftOutDecay(NamedTuple):
@@ -85,11 +77,10 @@ def left_out_decay(
     """
     noise = 2 * len(time) * noise_std**2
     drift = drift_of(measured, predicted, time, noise_std)
-    weight = _weights(measured, predicted, noise_std) * time
-    along = float(np.sum(weight * time))
+    along = float(np.sum(drift.weight * time))
     if along == 0.0:
         return LeftOutDecay(drift, np.inf, np.inf, noise, fraction)
     of_noise = noise_std / np.sqrt(fraction * along)
-    of_beginning = errors[1], errors[0] * float(np.sum(weight)) / along
+    of_beginning = errors[1], errors[0] * float(np.sum(drift.weight)) / along
     frequency_std, rate_std = (float(np.hypot(error, of_noise)) for error in of_beginning)
     return LeftOutDecay(drift, frequency_std, rate_std, noise, fraction)
