@@ -52,10 +52,14 @@ def first_fit(
     settings: Identify,
     known: Mapping[str, float] | None = None,
     *,
+    start: Mapping[str, float] | None = None,
     alone: bool = False,
     parts: Parts = unkept,
 ) -> tuple[Box, Fit, Dataset]:
     """Fit a dataset from starting values; return prior bounds, fit and dataset.
+
+    Default prior bounds follow from `known` values, measured without the joint's law, and never
+    from `start`, the parameters of an earlier fit to the same data.
 
     The returned dataset contains the signs of modes at the joint, chosen by a rough fit and again
     by the final one. If the fit from the first start does not explain the data, further starts are
@@ -63,7 +67,7 @@ def first_fit(
     """
     values = {**first_factors(data), **told_by(data.parts, data.held), **(known or {})}
     prior = box_of(settings, data, values)
-    values = {**from_amplitude_curve(key, data, prior, values), **values}
+    values = {**from_amplitude_curve(key, data, prior, values), **values, **(start or {})}
     if unknown_signs(prior, data):
         begun, data = with_signs(fit_from(key, data, prior, values, alone=True), prior, data)
         values |= begun.theta

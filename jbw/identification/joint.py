@@ -66,6 +66,8 @@ class JointProblem:
     known: Mapping[str, float] = field(default_factory=dict)
     readings: Readings = NOTHING  # results of single-mode fits, for several joints
     tests: tuple[Test, ...] = ()  # tests, whose sources determine the units of gains
+    # parameters of an earlier fit to the same data, from which the fit starts
+    start: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,12 @@ class JointPosterior:
 
 
 def joint_problem(
-    seen: Measured, known: Mapping[str, float], *, seed: int, report: Report
+    seen: Measured,
+    known: Mapping[str, float],
+    *,
+    seed: int,
+    report: Report,
+    start: Mapping[str, float] | None = None,
 ) -> JointProblem:
     """Assemble a campaign's data with starting values from Steps 2 to 4 or from single modes.
 
@@ -99,14 +106,16 @@ def joint_problem(
     data = assemble(seen)
     report(stages.joint_posterior(len(data.labels)))
     readings = joint_readings(jax.random.fold_in(jax.random.key(seed), READINGS_KEY), seen)
-    return JointProblem(data, seen.settings, of_reading(known, data), readings, seen.tests)
+    known = of_reading(known, data)
+    return JointProblem(data, seen.settings, known, readings, seen.tests, start or {})
 
 
 def fit_problem(keys: Sequence[Key[Array, ""]], problem: JointProblem) -> Fitted:
     """Fit the joint; determine noise, run effects, whether there is a joint, and coordinates."""
     started, readings = perf_counter(), problem.readings
     known = {**problem.known, **readings.known}
-    ready = with_readings(weighed(keys, problem.data, problem.settings, known), readings)
+    ready = weighed(keys, problem.data, problem.settings, known, start=problem.start)
+    ready = with_readings(ready, readings)
     ready = without_absent_joint(keys[0], ready) or ready
     ready = completed(keys[1], ready, problem.settings)
     return replace(ready, wall_s=perf_counter() - started)

@@ -62,7 +62,7 @@ LEAST = 12.0  # inverse variance of the prior, in units of its squared width
 
 
 def fit_alone(
-    seen: Measured, *, seed: int, report: Report, known: Mapping[str, float] | None = None
+    seen: Measured, *, seed: int, report: Report, start: Mapping[str, float] | None = None
 ) -> Posteriors:
     """Fit all tests of a campaign and return the Gaussian approximation in place of draws.
 
@@ -70,7 +70,7 @@ def fit_alone(
         seen: The tests of the campaign.
         seed: Random seed.
         report: Function that is called with one sentence before the fit.
-        known: Values from which the fit starts.
+        start: Parameters of an earlier fit, from which the fit starts.
 
     Raises:
         DataError: If no test is left to fit the joint to.
@@ -79,8 +79,8 @@ def fit_alone(
     data = assemble(seen)
     report(stages.least_squares(len(data.labels)))
     readings = joint_readings(key, seen)
-    values = {**(known or {}), **readings.known}
-    ready = prepare(parts_of(key, 2), data, seen.settings, values, quick=True)
+    keys = parts_of(key, 2)
+    ready = prepare(keys, data, seen.settings, readings.known, start=start, quick=True)
     ready = with_readings(ready, readings)
     ready = widened_by_fit(ready, seen.settings.prior) or ready
     ready = replace(ready, wall_s=perf_counter() - started)

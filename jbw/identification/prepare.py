@@ -86,13 +86,14 @@ def prepare(
     settings: Identify,
     known: Mapping[str, float] | None = None,
     *,
+    start: Mapping[str, float] | None = None,
     quick: bool = False,
 ) -> Fitted:
-    """Fit a dataset from starting and `known` values, and determine weights and coordinates.
+    """Fit a dataset from `known` and starting values, and determine weights and coordinates.
 
     If `quick`, the solver's steps are not refined.
     """
-    ready = weighed(keys, data, settings, known, quick=quick)
+    ready = weighed(keys, data, settings, known, start=start, quick=quick)
     return completed(keys[1], ready, settings, quick=quick)
 
 
@@ -102,10 +103,11 @@ def weighed(
     settings: Identify,
     known: Mapping[str, float] | None = None,
     *,
+    start: Mapping[str, float] | None = None,
     quick: bool = False,
 ) -> Fitted:
     """Fit a dataset and determine its weights, before coordinates and solver steps."""
-    prior, first, data = first_fit(keys[0], data, settings, known)
+    prior, first, data = first_fit(keys[0], data, settings, known, start=start)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
     best = replace(ready.fit, waterfall=first.waterfall)  # Later fits have only one start.
     return replace(ready, fit=best, chi_square=explained(first, data))
