@@ -315,8 +315,13 @@ def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array,
 
 
 def parameters_at(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
-    """Return the parameters by name at points of the search coordinates."""
-    return named(np.asarray(_forward(search_coordinate(box), jax.device_put(s))), box)
+    """Return the parameters by name at points of the search coordinates.
+
+    Few programs are compiled, as numbers of points are rounded up to powers of two.
+    """
+    spare = (1 << (len(s) - 1).bit_length()) - len(s)
+    padded = jax.device_put(np.pad(s, ((0, spare), (0, 0)), "edge"))
+    return named(np.asarray(_forward(search_coordinate(box), padded))[: len(s)], box)
 
 
 @eqx.filter_jit
