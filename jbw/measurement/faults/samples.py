@@ -49,7 +49,7 @@ def drop_outs(x: Reals) -> list[int]:
     unit = x / np.abs(x).max()
     rows = np.lib.stride_tricks.sliding_window_view(unit, ORDER + 1)
     some = rows[:: len(rows) // MANY + 1]
-    kept = np.ones(len(some), bool)
+    kept, filtered = np.ones(len(some), bool), np.zeros(ORDER)
     for _ in range(FITS):
         past, now = some[kept, :-1], some[kept, -1]
         ridge = 1e-12 * np.trace(past.T @ past) * np.eye(ORDER)
