@@ -36,20 +36,20 @@ from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_ki
 # A `State` whose fields are arrays over time.
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
 Columns = tuple[tuple[Scalar, ...], ...]
-# Number of steps differentiated at once: so the intermediate arrays fit into the cache, and the
-# memory of a gradient does not grow with the record.
+# Number of steps that are differentiated at once: few enough that the intermediate arrays fit into
+# the cache, and that the memory of a gradient does not grow with the record.
 _CHUNK = 128
 Laws = tuple[Any, ...]  # laws that remember load reversals have more methods than `Law`
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
-    """Return the states at the samples, differentiable by the parameters and the initial state."""
+    """Return the states at the samples, differentiable in the parameters and the initial state."""
     return _unpacked(stepping, _states(substeps, substeps, stepping, initial))
 
 
 def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
-    """Return the states after every `every` substeps, as arrays of the time loop."""
+    """Simulate a record; return the state after every `every` substeps, as arrays over time."""
     num_steps = stepping.num_steps
     carried = packed(stepping, initial)
     solution = diffrax.diffeqsolve(
@@ -134,7 +134,8 @@ def in_chunks(
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
     push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
-    # Every step gets a copy of the constants: the transpose then sums over the steps only once.
+    # Every step gets its own copy of the constants, so that the transposed program sums over all
+    # steps once and not in every step.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
@@ -304,7 +305,7 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
 
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a solver that treats the oscillators of a batch in turn, but right-hand sides at once.
+    """Return a solver that takes a batch's oscillators in turn, each with all right-hand sides.
 
     If the oscillators of a batch were solved side by side, the long derivative of a kink would be
     computed in every step of each.

@@ -41,8 +41,9 @@ POINTS = 256  # samples per period
 STEP = ("branch", "remainder", "bend", "glide", "turn", "shift", "missed", "packed")
 
 _TRIED: dict[type[Law], str | None] = {}
-# Result of one check: name of the method, found value, meaning of the right value, right value, and
-# a size; the tolerance refers to at least a thousandth of that size.
+# Result of one check: name of the method, value it returned, description of the expected value,
+# expected value, and a scale. The tolerance is relative to the expected value, but to no less than
+# a thousandth of this scale.
 Check = tuple[str, Any, str, Any, Any]
 
 
@@ -114,7 +115,7 @@ def _agree(found: Any, right: Any, least: Any) -> bool:
 
 
 def _worst(found: Any, what: str, right: Any) -> tuple[Any, str, Any]:
-    """Return the found and the right number that differ most, with their description between."""
+    """Return the found and the expected number that differ most, with the description between."""
     found, right = np.broadcast_arrays(np.atleast_1d(found), np.atleast_1d(right))
     at = np.unravel_index(np.argmax(np.nan_to_num(np.abs(found - right), nan=np.inf)), found.shape)
     return found[at], what, right[at]

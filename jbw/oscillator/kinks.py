@@ -116,7 +116,7 @@ class StepPath(NamedTuple):
         return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, quartic)
 
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
-        """Return the step fraction at which the path has a displacement, before or after its turn.
+        """Return the fraction of the step where the path reaches `target`, before or after turning.
 
         Newton's iteration takes three steps, from the parabola about the turning point, or from the
         chord if the path does not turn. Only the last step carries the derivative.

@@ -230,7 +230,7 @@ class GapSeries(Law):
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return equivalent stiffness and damping, from the loss E per cycle in contact.
+        r"""Return the equivalent stiffness and damping; the damping from the loss E per cycle.
 
         The motion is y = Y cos(theta).
         """

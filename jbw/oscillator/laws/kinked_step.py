@@ -30,7 +30,8 @@ from jbw.oscillator.kinks import (
 from jbw.oscillator.laws.piecewise_map import MoveSlopes, TwoMoves, two_moves
 from jbw.oscillator.parameters import Scalar
 
-# Variables of derivatives: delta, gamma, z, slopes at start and end, displacement, quartic term.
+# Derivatives with respect to delta, gamma, z, the slopes at start and end, the displacement and the
+# quartic term.
 Slopes = tuple[Scalar, ...]
 Law = tuple[Scalar, Scalar, Scalar]
 

@@ -52,7 +52,7 @@ class Kink(NamedTuple):
 
 
 class _Move(NamedTuple):
-    """A monotone move of a Masing law: branches at its ends, and the loops that it closes.
+    """A monotone motion of a Masing law: the branches at its ends, and the loops that it closes.
 
     Attributes:
         begin: Branch at the start, turned into the direction of the move.
@@ -214,7 +214,8 @@ class Masing(Law):
     ) -> tuple[Branch, Scalar, Scalar]:
         """Return the internal state after a step with a reversal, and the effect of kinks."""
         start, end, rise = ends
-        # A start against the direction stems from the correction: too short for a reversal.
+        # A motion that starts against the branch's direction stems from the correction of the step
+        # before; it is too short for a reversal.
         strays = (memory.sense * start <= 0.0) & (start * end < 0.0)
         path = StepPath.through((jnp.where(strays, 0.0, start), end, rise), quartic)
         first = self._moved(y, memory, path.before)

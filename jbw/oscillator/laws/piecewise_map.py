@@ -127,7 +127,7 @@ Pair = tuple[Scalar, Scalar]
 
 
 class MoveSlopes(NamedTuple):
-    """The derivatives of a result of two moves; the one for alpha follows from proportionality."""
+    """The derivatives of a result of two moves; that for alpha follows from proportionality."""
 
     delta: Scalar
     gamma: Scalar

@@ -22,7 +22,7 @@ SIZE = 10  # default number of load reversals that are remembered
 # Displacements that differ by less than this relative rounding close a loop.
 _ROUNDING = 1e-14
 
-# A tuple of scalars, or in a time loop one array, which is faster to copy.
+# Entries of a stack: a tuple of scalars, or in a time loop one array, which is faster to copy.
 Entries = Any
 
 
@@ -70,7 +70,7 @@ class Branch(NamedTuple):
     stack: Stack
 
 
-_OUT_OF_REACH = 1e3  # displacement [m] that stands for one which no motion reaches
+_OUT_OF_REACH = 1e3  # displacement [m] that no motion reaches
 
 
 def nothing_remembered(size: int = SIZE) -> Branch:

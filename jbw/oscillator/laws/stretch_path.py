@@ -26,7 +26,7 @@ _UNIT, _UNIT_WEIGHTS = UNIT_RULE
 _HALVINGS = 60  # number of bisections in the search for the spring's stretch
 # Largest stretch in a search, relative to the length of the move, for a spring that hardens.
 _FAR = 16.0
-# Part of the limit from which on the integral's pole is integrated analytically.
+# Above this fraction of the limit, the pole of the integrand is integrated analytically.
 _POLE = 0.5
 # Logarithmic distance to the limit beyond which an integral's remaining part is negligible.
 _DEEP = 40.0

@@ -47,7 +47,7 @@ NAMES = tuple(Names(*(quantity.name for quantity in mode)) for mode in MODES)
 SEEN = tuple(tuple(quantity.name for quantity in point) for point in POINTS)
 
 
-# Names of frequency and damping ratio, by mode that has its own.
+# Names of the frequency and the damping ratio of each driven mode.
 DRIVEN = (("omega_n", "zeta"), *(names[:2] for names in NAMES))
 
 

@@ -159,7 +159,7 @@ class Begun(NamedTuple):
 
 
 class Remainder(NamedTuple):
-    """The force of a joint's laws without its linear part, r, and h r', at the start of a step."""
+    """The nonlinear force r of a joint's laws at the start of a step, and its rate times h."""
 
     r: Scalar
     rate: Scalar
@@ -177,7 +177,7 @@ class Path(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """The result of a joint's step: its effect on the modes, in addition to r and h r'.
+    """The result of a joint's step: nonlinear force and rate at its end, and impulses of kinks.
 
     Attributes:
         r_1: r at the end.
@@ -391,7 +391,7 @@ def _less(total: Scalar, *parts: Any) -> Scalar:
 def pass_where_met(
     joint: JointStep, at: Begun, path: Path, others: tuple[tuple[Begun, Scalar], ...]
 ) -> tuple[Passed, End]:
-    """Advance a joint along its path; treat kinks only if it meets one.
+    """Advance a joint along its path; treat kinks of its force only if the step meets one.
 
     This is `jbw.oscillator.step.advance` without the motion of the modes. `others` are the other
     joints at the start, with their accelerations there.
@@ -411,7 +411,7 @@ def pass_where_met(
 
 
 def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passed, End]:
-    """Advance a joint along its path; treat kinks in every step, for derivatives of many steps.
+    """Advance a joint along its path; treat kinks in every step, for derivatives of all steps.
 
     `bends` are the effects of h^2 r''/2 of the other joints on this joint's x and v.
     """
