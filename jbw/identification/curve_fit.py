@@ -22,7 +22,7 @@ FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative errors that replace those of
 
 
 class WhiteRows(NamedTuple):
-    """Stiffness and loss against amplitude, with the matrix that normalises their errors.
+    """Stiffness and loss at each amplitude, with the matrix that normalises their errors.
 
     Attributes:
         y: Amplitudes [m].
@@ -38,7 +38,7 @@ class WhiteRows(NamedTuple):
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
-    """Return stiffness and loss of a curve, with errors of 2e-4 and 3 % of the largest loss."""
+    """Return a curve's stiffness and loss; their errors are 2e-4, and 3 % of the largest loss."""
     square = curve.omega**2
     unit = float(np.mean(square))
     stiffness, loss = square / unit, 2 * curve.zeta * square / unit
@@ -69,7 +69,7 @@ class CurveMisfit(eqx.Module):
 
 
 def fit_curve(key: Key[Array, ""], laws: tuple[str, ...], prior: Box, rows: WhiteRows) -> Fit:
-    """Fit laws to stiffness and loss against amplitude, from starts all over the prior.
+    """Fit laws to stiffness and loss against amplitude, from starts over the whole prior.
 
     Raises:
         ModelError: None of the starts has a steady loop.
