@@ -20,7 +20,7 @@ def safe(name: str) -> str:
 
 
 def repeats_named(records: Sequence[Record]) -> list[str]:
-    """Return names of repeats: the records' names if all differ, else numbers from one."""
+    """Return names of repeats: the names of the records if all differ, else numbers from one."""
     names = [record.name for record in records]
     if all(names) and len(set(names)) == len(names):
         return names
