@@ -155,7 +155,7 @@ def in_chunks(
 def _linearised(
     step: ExactStep, start: State, push: Push, step_dot: ExactStep, push_dot: Push
 ) -> tuple[Columns, tuple[Scalar, ...]]:
-    """Return one time step's derivatives: the columns of its Jacobian J_n, and its offset b_n."""
+    """Return the derivatives of one time step: columns of its Jacobian J_n, and its offset b_n."""
     leaves, tree = jax.tree.flatten(start)
 
     def stepped(step, leaves, push):
@@ -238,7 +238,7 @@ def tangent_of_stacks(
 
 
 def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Array, ""]:
-    """Return whether the simulation met a kink of a law in a step."""
+    """Return whether the simulation met a kink of a law in a given step."""
     kinked = meets_kink(step, before, push)
     laws: Laws = step.laws
     for law, a, b in zip(laws, before[2], after[2], strict=True):
@@ -332,7 +332,7 @@ def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 def _after(
     step: ExactStep, at: Any, x_dot: Carriers, step_dot: ExactStep, push_dot: Push
 ) -> Carriers:
-    """Compute the derivative of the state after a time step from that before it."""
+    """Compute the derivative of the state after a time step from its derivative before the step."""
     primals, tangents = (step, _split(step.laws, at.starts), at.push), (step_dot, x_dot, push_dot)
 
     def by(kinks: Kinks):

@@ -82,7 +82,7 @@ class _Totals(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """One piece of a record, padded with zeros, with rows for its samples and intervals."""
+    """One piece of a record, padded with zeros: rows for its samples, rows for its intervals."""
 
     polynomials: Float[Array, "interval power"]
     samples: Float[Array, " sample"]

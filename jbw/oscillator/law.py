@@ -74,7 +74,7 @@ class Law(eqx.Module):
     # -- of the class of law -----------------------------------------------------------------------
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Return the names of the law's parameters."""
+        """Return the names of the parameters of the law class."""
         return tuple(quantity.name for quantity in cls.table)
 
     @classmethod
@@ -96,7 +96,7 @@ class Law(eqx.Module):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return wide prior bounds of the parameters from scales alone, not from a fit."""
+        """Return wide prior bounds of the parameters from scales of the motion, not from a fit."""
         raise ConfigError(
             f"The law `{cls.name}` must have a `prior` to be identified, but has none.",
             remedy="Define `prior(scales)`, bounds of every parameter of its `table`.",
@@ -358,7 +358,7 @@ class ScaledLaw(Law):
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "ScaledLaw":
-        """Return the law in new units, which multiply its present ones."""
+        """Return the law in new units, which are relative to its present units."""
         return ScaledLaw(self.law, self.length * length, self.unit * stiffness)
 
     def harmonics(

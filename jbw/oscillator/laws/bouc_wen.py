@@ -134,7 +134,7 @@ class BoucWenLaw(Law):
     def coordinate_bounds(
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
-        """Return prior bounds of alpha delta and alpha gamma: four times the larger fitted one.
+        """Return prior bounds of alpha delta and alpha gamma: four times the larger fitted value.
 
         The lower bound is 0 unless delta or gamma may be negative.
         """

@@ -137,7 +137,7 @@ class Masing(Law):
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack)
 
     def packed(self, memory: Branch) -> Branch:
-        """Return the internal state with its load reversals in arrays and whole-number counts."""
+        """Return the internal state with load reversals as arrays and counts as integers."""
         stack, size = memory.stack, float(self.depth)
         stack = stack._replace(count=jnp.clip(jnp.round(stack.count), 0.0, size))
         branch = branch_of(jnp.sign(jnp.round(memory.sense)), stack)
@@ -212,7 +212,7 @@ class Masing(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
     ) -> tuple[Branch, Scalar, Scalar]:
-        """Return the internal state after a step with a reversal, and the effect of kinks."""
+        """Return the internal state after a step with a reversal, and the kinks' effect on v, y."""
         start, end, rise = ends
         # A motion that starts against the branch's direction stems from the correction of the step
         # before; it is too short for a reversal.

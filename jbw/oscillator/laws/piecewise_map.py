@@ -223,7 +223,6 @@ def two_moves(
 
 
 def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
-    """Return derivatives with respect to delta and gamma, from those with respect to each c."""
     by_delta = sum((part.delta_sign * by_c for part, by_c in terms), 0.0)
     by_gamma = sum((part.gamma_sign * by_c for part, by_c in terms), 0.0)
     return barrier((by_delta, by_gamma))

@@ -119,7 +119,7 @@ class StepSlopes(NamedTuple):
 
 
 class JointSlopes(NamedTuple):
-    """Derivatives of a joint's time step, and changes of its linear parts due to the constants.
+    """Derivatives of a joint's time step, and the changes due to the constants of the step.
 
     Attributes:
         start: Derivatives of r and h r' with respect to x, v and the memories.
@@ -144,7 +144,7 @@ class JointSlopes(NamedTuple):
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any]:
-    """Return derivatives of each joint's step, and of the modes for given changes of the constants.
+    """Return derivatives of each joint's step, and the change of the modes due to the constants.
 
     Many steps are computed at once, along the first axis of all arguments but the constants.
     """
@@ -187,8 +187,6 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
 def _by_constants(
     step: ModalStep, step_dot: ModalStep, function: Callable[..., Any], *arguments: Any
 ) -> tuple[Any, Any]:
-    """Return a function's values in many steps, and their change due to the step's constants."""
-
     def in_step(step_dot: ModalStep, *arguments: Any) -> tuple[Any, Any]:
         return jax.jvp(lambda step: function(step, *arguments), (step,), (step_dot,))
 
@@ -223,18 +221,16 @@ def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> 
 
 
 def _start(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return r, the force without its linear part, and its rate times h at the start of a step."""
     return remainder(Begun(kernel, *at))
 
 
 def _half_bend(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return h^2 r''/2 of a joint's nonlinear force r at the start of a step, from x, v and a."""
     *start, a = at
     return (half_bend(Begun(kernel, *start), a),)
 
 
 def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]:
-    """Return a joint's step before the correction of its displacement x.
+    """Return the result of a joint's step, before its displacement x is corrected.
 
     Where the joint turns, the bends of the other joints add to x and v at the end of the path, and
     to the shift; the effect of changes of these bends follows from that of changes of the path.
@@ -246,7 +242,6 @@ def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]
 def _sloped(
     function: Callable[..., Any], kernel: JointKernel, kernel_dot: JointKernel, at: Any
 ) -> tuple[Any, StepSlopes]:
-    """Return the value of `function`, a part of a joint's step, with its derivatives."""
     value, by_at = jax.linearize(lambda at: function(kernel, at), at)
     _, offset = jax.jvp(lambda kernel: function(kernel, at), (kernel,), (kernel_dot,))
     return value, StepSlopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
@@ -255,7 +250,6 @@ def _sloped(
 def _passing_slopes(
     kernel: JointKernel, kernel_dot: JointKernel, at: tuple, bends: tuple
 ) -> tuple[Passed, End, StepSlopes]:
-    """Return a joint's effect on the modes and its state after a step, with derivatives of both."""
     (passed, end), by_at = jax.linearize(partial(_passing, kernel, bends), at)
     _, offset = jax.jvp(lambda kernel: _passing(kernel, bends, at), (kernel,), (kernel_dot,))
     return passed, end, StepSlopes(tuple(by_at(way) for way in _ways(at)), offset)
@@ -283,7 +277,6 @@ def _moved_slopes(
 
 
 def _ways(at: Any) -> list[Any]:
-    """Return unit vectors: a unit change of each number in an argument, with the others fixed."""
     leaves, tree = jax.tree.flatten(at)
     none, unit = jnp.zeros_like(leaves[0]), jnp.ones_like(leaves[0])
     size = range(len(leaves))
@@ -333,7 +326,7 @@ def _recurrence(step: ModalStep, state_dot, inputs):
 
 
 def _bent_paths(step: ModalStep, joints: list, paths: list) -> tuple[list, tuple]:
-    """Return derivatives of turning joints' paths, including the effect of the other joints."""
+    """Return derivatives of the paths of reversing joints, with the effect of the other joints."""
     halves = tuple(
         by.half_bend.along(free.x, free.v, memory, path.a)[0]
         for (by, free, memory), path in zip(joints, paths, strict=True)

@@ -134,7 +134,7 @@ def modal_imbalance(
 def _coordinates(
     structure: Structure, omega: Scalar, x: Array, load: Any, max_turns: int
 ) -> Complex[Array, "mode harmonic"]:
-    r"""Return the modes for joint motion, $q_{i,n} = (b_i u_n - \sum_j p_{ij} r_{jn})/d_i$."""
+    r"""Return modal coordinates, $q_{i,n} = (b_i u_n - \sum_j p_{ij} r_{jn})/d_i$."""
     r = joint_forces(structure.laws, omega, x, max_turns)
     push = structure.b[:, None] * load - structure.p @ r  # pyright: ignore
     return push / dynamic_stiffness(structure, omega, x.shape[-1])
