@@ -164,7 +164,7 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Return the amendment that rates a law by its errors in predicted, not fitted, tests.
+    """Return the amendment that rates a law by its errors on tests that were not fitted.
 
     It applies where findings rate the law usable. Errors are relative to the rms of their tests. If
     their rms exceeds that of the fitted errors by more than a factor of 1.5, the amendment rates

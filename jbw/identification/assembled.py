@@ -91,7 +91,7 @@ def _require_first_point(first: str, tests: Sequence[Test]) -> None:
 
 
 def require_known_laws(laws: Sequence[str]) -> None:
-    """Raise a ConfigError for laws that several joints cannot have in an identification.
+    """Raise a ConfigError for laws that cannot be identified in structures with several joints.
 
     Raises:
         ConfigError: A law is a damper, or changes with every cycle.

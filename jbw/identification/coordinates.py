@@ -241,7 +241,7 @@ def _shared(
 def chosen_coordinates(
     best: Fit, settings: Identify, laws: tuple[str, ...]
 ) -> Iterator[tuple[type[Law], Coordinates]]:
-    """Yield each law that is sampled in other coordinates than its parameters, with them.
+    """Yield each law that is sampled in alternative coordinates, with these coordinates.
 
     A campaign chooses them by `coordinates`. With "auto" they are used where the campaign bounds
     none of the law's parameters and the fit does not determine all of them.

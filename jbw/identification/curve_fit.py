@@ -18,7 +18,8 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 
 STARTS = 8
-FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative errors that replace those of a curve
+# relative errors of frequency and damping, in place of those that a curve states
+FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03
 
 
 class WhiteRows(NamedTuple):

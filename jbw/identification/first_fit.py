@@ -133,7 +133,7 @@ def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
 
 
 def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
-    """Return the chosen fit, with the sorted costs at the ends of all fits."""
+    """Return the chosen fit, with the sorted final costs of all fits."""
     return replace(chosen, waterfall=np.sort(np.concatenate([end.waterfall for end in ends])))
 
 
@@ -196,7 +196,7 @@ def explains(found: Fit) -> bool:
 def screened(
     key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """Return trial points: the start, and random points of the prior that keep known values."""
+    """Return trial points: the start, and random points of the prior with the known values kept."""
     s = np.asarray(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))))
     points = parameters_at(s, prior)
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}

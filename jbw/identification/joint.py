@@ -104,7 +104,7 @@ def joint_problem(
 
 
 def fit_problem(keys: Sequence[Key[Array, ""]], problem: JointProblem) -> Fitted:
-    """Fit the joint; determine noise, differences of runs, need of a joint, and coordinates."""
+    """Fit the joint; determine noise, differences of runs, whether a joint exists, coordinates."""
     started, readings = perf_counter(), problem.readings
     known = {**problem.known, **readings.known}
     ready = with_readings(weighed(keys, problem.data, problem.settings, known), readings)

@@ -292,7 +292,6 @@ def _by_first_order(
 def _about(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> tuple[Float[Array, "two joint mode level"], dict[str, Float[Array, "two joint mode level"]]]:
-    """Return the stiffness loss K and the losses L of the joints at one parameter point."""
     return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
 
 
@@ -300,7 +299,6 @@ def _about(
 def _each_draw(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> Float[Array, "two joint *mode_level draw"]:
-    """Return the joints' stiffness loss K and losses L, by mode, for every draw."""
     return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
 
 

@@ -225,7 +225,7 @@ def laplace_draws(
 
 
 def gaussians_about(ready: Fitted) -> list[Gaussian]:
-    r"""Return the Gaussian at a fit; with run offsets, one for each of their standard deviations.
+    r"""Return the Gaussian at a fit; with run offsets, one Gaussian per grid value of their sd.
 
     $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
       P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$

@@ -134,7 +134,7 @@ class LeftOutRun(NamedTuple):
     amplitude: float = np.nan  # amplitude relative to the largest fitted one; NaN if unknown
     grown: float = 1.0  # factor by which standard deviations grow up to this amplitude
     noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # contribution of noise to `std`
-    # $P C$ of the fit without the run; its product for two runs gives their common noise. None if
+    # $P C$ of the fit without the run, from which the noise that runs share is computed. None if
     # there is no such fit.
     by_parameters: Float[np.ndarray, "own parameter"] | None = None
 
@@ -222,7 +222,7 @@ def scatter_about_zero(
     *,
     judged: bool = True,
 ) -> float:
-    r"""Return Paule and Mandel's standard deviation $\tau$ about zero; 0 if chance is enough.
+    r"""Return Paule and Mandel's standard deviation $\tau$ about zero; 0 if chance explains all.
 
     $$\sum_r \frac{b_r^2}{\sigma_r^2 + \tau^2 g_r} = n, \qquad \tau\, t_{m, 0.995} / z_{0.995}$$
 

@@ -242,7 +242,7 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
 def _about(
     key: Key[Array, ""], data: Dataset, prior: Box, best: Fit
 ) -> tuple[dict[str, np.ndarray], float]:
-    r"""Return draws from a fit's covariance, and the factor on their distance from it.
+    r"""Return draws from a fit's covariance, and the factor on their distance from the fit.
 
     If the posterior is curved, such draws lie outside it: the median of their log likelihood lies
     farther below that of the fit than one per parameter (a Gaussian has one half). Then they are

@@ -35,8 +35,8 @@ from jbw.observables.residual_terms import (
 from jbw.quantities import BY_NAME
 from jbw.report.messages import residuals as messages
 
-# smallest increase of chi-square, absolute and relative, if a term is omitted, for which the term
-# is kept
+# A term is kept if its omission increases chi-square by at least this much: absolute and relative
+# increase.
 GROWTH, SHARE = 25.0, 0.1
 TRIED = ((UPPER,), (UPPER, LOWER))
 # factors on the stated frequency of a neighbouring mode with which fits are tried

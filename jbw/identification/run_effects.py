@@ -54,7 +54,7 @@ from jbw.report.messages import sessions as messages
 
 MOST_ALIKE = 1e12  # largest condition number of the correlations of one run's offsets
 BY_CHANCE = 1e-3  # probability below which differences between runs count as real
-# Limits of the relative standard deviations of omega_n and of zeta.
+# Limits of the relative standard deviations of omega_n and of zeta: smallest, largest.
 LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)
 SAME_LEVEL = 1.1  # Runs whose responses have a smaller ratio than this are repeats of one level.
 NO_SCATTER = 1e-12  # standard deviation for a quantity that is equal in all runs

@@ -234,7 +234,7 @@ def _with_changed(
     groups: Sequence[tuple[str, ...]],
     campaign_laws: Laws,
 ) -> tuple[str, tuple[Laws, ...]]:
-    """Add sets of laws that differ at one joint; return words for the added sets, and all sets."""
+    """Add sets of laws that differ at one joint; return a phrase for these sets, and all sets."""
     stuck = [laws for laws in plain if not laws]
     for which, tried in ((messages.EVERY, plain), (messages.NONE, stuck)):
         changed = [_with_others(laws, group, campaign_laws) for group in groups for laws in tried]

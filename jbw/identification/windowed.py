@@ -34,7 +34,7 @@ def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex
 def smeared(
     omega: Real, omega_n: float, zeta: float, gain: float, window_s: float, order: int
 ) -> Complex:
-    r"""Return the mean of H1 under Hann windows and white input, for the measured response.
+    r"""Return the mean of an H1 estimate under Hann windows and white input (measured response).
 
     $$\mathrm{E}\,\hat H(\omega) = \int_0^T h(\tau)\,w_a(\tau)\,e^{-j\omega\tau}\,\mathrm{d}\tau,
       \qquad h = \frac{\mathrm{d}^p}{\mathrm{d}\tau^p}
@@ -104,7 +104,7 @@ class LineErrors:
 def line_errors(
     outputs: Sequence[FRF], noise_ratio: Real, modes: Sequence[Modes], leakage: bool
 ) -> LineErrors:
-    r"""Estimate the covariance of the errors of H1 lines and their neighbouring lines.
+    r"""Estimate the covariance of errors between neighbouring lines of H1 estimates.
 
     For Gaussian input and noise, the error of a line is sum_k R_k conj(U_k) / sum_k |U_k|^2, where
     R_k is the part of segment k's response that H times its input does not explain. Hence

@@ -27,7 +27,7 @@ Solver = Callable[[Mapping[str, np.ndarray], Any, int], Solved | None]
 
 
 def solved_first(solver: Solver) -> Callable[[Any], Any]:
-    """Return a decorator that marks functions of (theta, data) with a costly part for `solver`.
+    """Return a decorator for functions of (theta, data) whose costly part `solver` computes.
 
     At many points the `solver` is called first, with (theta, data, threads). It returns data that
     contain the costly part, as two trees that `equinox.combine` joins: the data without this part,
@@ -43,7 +43,7 @@ def solved_first(solver: Solver) -> Callable[[Any], Any]:
 
 
 def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
-    """Return a decorator that marks functions of (theta, data) which use only part of the data.
+    """Return a decorator for functions of (theta, data) that need only the part of data `seen`.
 
     Programs depend on all data that are not arrays, such as names. `seen` removes names that do not
     matter to the function, so that data of equal shapes share a program.

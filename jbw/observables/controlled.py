@@ -269,7 +269,6 @@ class ControlledPoints(Observable):
 
     @property
     def _force_of_test(self) -> Int[np.ndarray, " group"]:
-        """The index of the force's data group in the same test, or the own index if it has none."""
         forces = {row.test: i for i, row in enumerate(self.rows) if row.quantity == "force"}
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
@@ -301,7 +300,7 @@ class ControlledPoints(Observable):
         return replace(carried, groups=with_fitted_noise(residuals, groups))
 
     def _carrying(self, theta: Theta, residual: Float[np.ndarray, "group point"]) -> Self:
-        r"""Propagate the noise of amplitude and phase through the model, at a parameter point.
+        r"""Propagate noise of amplitude and phase through the model, linearised at a point.
 
         $$r_i = \epsilon_i + s_i\,\eta_i, \qquad s_i = \partial m_i / \partial \ln Y_i$$
 
@@ -315,7 +314,7 @@ class ControlledPoints(Observable):
         scale, mixed = np.array(self.scale), np.zeros(self.mean.shape)
         within, force = np.asarray(self.groups.within).copy(), self._force_of_test
         variances, noisy = np.ones(scale.shape), np.asarray(self.amplitude_std)
-        # Forces come first, since the other groups need them.
+        # Force groups come first, because the other groups need their result.
         for i in sorted(range(len(self.rows)), key=lambda i: i != force[i]):
             where, test = compared(self.groups, i), self.rows[i].test
             by_amplitude = (noisy[test] * slopes[0][i][where]) ** 2
@@ -568,7 +567,6 @@ def _first_scale(
 
 
 def _size(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> float:
-    """Return the value to which a data group's relative errors refer before a fit."""
     if row.quantity == "force":
         return float(np.exp(np.mean(np.log(mean))))
     return HALF_WIDTH * float(np.mean(mean)) if row.quantity == "frequency" else 1.0

@@ -132,7 +132,7 @@ class Decays(Envelopes):
         return Estimate(counted * log_density, matches.entry.shift[:, None] * first, precision)
 
     def shift_errors(self, found: Match) -> Float[Array, " record"]:
-        """Return the standard error of every record's shift of natural frequency [rad/s]."""
+        """Return the standard error of every record's natural-frequency shift [rad/s]."""
         variance = found.misfit / self._degrees
         return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
 

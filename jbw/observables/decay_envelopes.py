@@ -28,7 +28,7 @@ from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 # number of unknowns of a record in addition to its noise: amplitude, phase, frequency shift
 NUM_OWN = 3
-# smallest number of values; a decay has five parameters, and three unknowns per record
+# smallest number of envelope values: a decay has five parameters, and each record three unknowns
 LEAST_VALUES = 16
 HEADROOM = 1.02  # start amplitude of the simulated decay, relative to that of the strongest record
 SPARE = 1.3  # duration of the simulation, relative to the one that the measured decay rates require

@@ -78,7 +78,6 @@ def effective_fraction(
 
 
 def _overlap(row: Row, along: Float[np.ndarray, "i n"] | Complex[np.ndarray, "i n"]) -> float:
-    """Return a residual's mean square / its mean square where parameters matter, at most 1."""
     square = uniform_filter1d(np.abs(row) ** 2, SMOOTHED, mode="wrap")
     moved = np.sum(np.abs(along) ** 2, axis=0)
     return min(float(moved.sum() * square.mean() / np.sum(moved * square)), 1.0)

@@ -106,7 +106,7 @@ class Groups(eqx.Module):
 
     @property
     def width(self) -> int:
-        """The length of a data group's row, including padding."""
+        """The length of the rows of data groups, including padding."""
         return self.directions.shape[-1]
 
 

@@ -19,7 +19,7 @@ NUM_HARMONICS = 4
 # orders of harmonics that are compared; other orders only give starting values
 ORDERS = (1, 3)
 HIGHEST = 2 * NUM_HARMONICS - 1
-# A harmonic is used if its frequency is below this part of the sampling frequency.
+# A harmonic is used if its frequency is below this fraction of the sampling frequency.
 BELOW_NYQUIST = 0.499
 NO_AMPLITUDE = 1e-9  # amplitude that replaces zero, in the unit of the source
 # A controller held the response if it varies by less than this fraction of the source's variation.
@@ -27,7 +27,7 @@ CONTROLLED = 1 / 3
 
 
 class MeasuredHarmonic(NamedTuple):
-    """One measured harmonic of one test, before it joins a data group.
+    """One measured harmonic of one test, from which a data group is formed.
 
     Attributes:
         omega: Frequencies [rad/s].

@@ -21,7 +21,7 @@ from jbw.observables.groups import Covariance, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import Observable, Theta, alone
 
-SILENT = 1e-12  # factor on the number of values of a data group that is left out
+SILENT = 1e-12  # factor on the number of values of a data group that the likelihood ignores
 
 Draws = Float[np.ndarray, "chain draw"]
 Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, including fixed ones

@@ -179,7 +179,7 @@ class Observable(eqx.Module):
         return self.compared(self.mean - self.predict(theta))
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residuals and their derivatives by run offsets, in standard errors."""
+        """Return residuals, and derivatives with respect to run offsets, in standard errors."""
         weight = weights(self.groups)
         residual = weight[:, None] * beside_own(self.misfit(theta), self.groups)
         return residual, weight[:, None, None] * self.groups.directions
@@ -259,7 +259,7 @@ class KnownReading(Observable):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 value"], Float[Array, "1 own value"], Any]:
-        """Return residual and derivatives by run offsets, in standard deviations, and log density.
+        """Return residual, derivatives with respect to run offsets (both in sd), and log density.
 
         The term is that of the values' density [nats].
         """

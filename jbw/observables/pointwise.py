@@ -135,7 +135,6 @@ def _solved(
 def _seen(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
 ) -> tuple[Key[Array, ""], Dataset, tuple[Any, ...]]:
-    """Return the arguments of a program; numbers replace names in the dataset."""
     key, data, rows = task
     return key, unnamed(data), rows
 

@@ -289,7 +289,6 @@ class Records(Observable):
     def _from_origin(
         self, theta: Theta, offset: Float[Array, "level of_run"] | None
     ) -> Float[Array, "level own"]:
-        """Return omega_n and zeta of each level's run, minus the values of the linearisation."""
         away = jnp.zeros((len(self.groups.origin), self.groups.directions.shape[1]))
         if self.groups.origin.shape[1]:
             away = jnp.stack([theta[name] for name in OFFSETS]) - self.groups.origin
@@ -364,7 +363,6 @@ class Records(Observable):
         return replace(self, laws=(), substeps=SUBSTEPS, depth=SIZE, solution=solution)
 
     def _from_first(self, rows: Sequence[Any]) -> Float[np.ndarray, "point level compared"]:
-        """Stack the responses of all levels, beginning at the first compared sample."""
         return np.stack([row[:, self.skipped :] for row in rows], axis=1)
 
     def marched(

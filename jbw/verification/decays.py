@@ -56,7 +56,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
             noise = RepeatNoise(float(stored.mean(draws).median()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.mean) ** 2)))
     compared = _compared(source, test, data, np.full(len(test.records), std))
-    # The strongest record starts with this displacement, at the natural frequency.
+    # The strongest record starts with this displacement and moves at the natural frequency.
     order = derivative_order(data.response)
     strongest = max(comparison.attrs["level"] for comparison in compared)
     peak = strongest / source.draws["omega_n"] ** order

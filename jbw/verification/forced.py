@@ -144,7 +144,7 @@ class ForcedTests:
             yield self.marked("curve", name, curve.test, predicted)
 
     def whole(self, test: Test) -> Placed:
-        """Yield the comparison of a test with its prediction, in the way of its kind."""
+        """Yield the comparison of a whole test with the prediction that suits its kind."""
         source = self.beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS)
         yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
 
@@ -154,7 +154,7 @@ class ForcedTests:
             yield self.marked("controlled", name, test, predicted)
 
     def loop(self, test: Test) -> Placed:
-        """Yield the comparison of a held-out tone's hysteresis loop, as Teloli et al. made it."""
+        """Yield the comparison of a held-out tone's hysteresis loop, as in Teloli et al."""
         draws = self.beside(test, discrepancy=NOTHING).draws
         validated = loop_validation(test, draws, self.basis.laws)
         marked = validated.assign_attrs(scatter=int(self.basis.scatters(test)))

@@ -11,7 +11,7 @@ def place(group: str, name: str) -> str:
 
 
 def safe(name: str) -> str:
-    """Return a name that is valid in the result tree, where a slash begins a subgroup.
+    """Return a name with characters replaced that are invalid in the paths of a result tree.
 
     HDF5 reads a name that consists of dots as this group or its parent.
     """

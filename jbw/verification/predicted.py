@@ -58,7 +58,7 @@ class Predicted(NamedTuple):
 
     @property
     def amplitudes(self) -> tuple[float, ...]:
-        """The largest displacement of each free decay, or its median over draws, in m."""
+        """The largest displacement [m] of each free decay, or of the test (median of draws)."""
         if self.begins or self.peak is None:
             return self.begins
         return (float(np.median(self.peak)),)

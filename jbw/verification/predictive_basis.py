@@ -64,7 +64,7 @@ class Basis:
     held: Mapping[str, float]  # parameters that were fixed
     seen: Mapping[str, CampaignTest]  # tests of the run's campaign; empty if unknown
     y_peak: float  # largest fitted displacement [m]; 0 if unknown
-    # standard deviation of omega_n [rad/s] and zeta between runs; empty without run offsets
+    # standard deviations of omega_n [rad/s] and zeta between runs; empty without run offsets
     scatter: tuple[float, ...]
     substeps: int  # solver steps between samples
     decay: xr.Dataset  # posterior of the free decays alone, or else the main posterior

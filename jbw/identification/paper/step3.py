@@ -186,7 +186,7 @@ def draw(
     request: SamplingRequest,
     supervision: Supervision = UNSUPERVISED,
 ) -> xr.DataTree:
-    """Draw the posterior of Step 3 along the ridge of constant alpha*delta, without noise level."""
+    """Draw the posterior of Step 3 along the ridge of constant alpha*delta; integrate out noise."""
     noisy = as_noise(step.fit)
     ridge = along_ridge(noisy.theta, noisy.covariance, step.box)
     target = Target(kernel.log_likelihood, step.box, step.data)

@@ -160,7 +160,8 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
     gamma = float(np.min(2 * np.minimum(law.cdf(counts), law.sf(counts - 1))))
     if gamma * num_ranks < LEAST:
         return gamma * num_ranks
-    # Less extreme counts are inside; the factor prevents rounding from including gamma itself.
+    # Counts less extreme than gamma are inside; the factor keeps rounding from including gamma
+    # itself.
     return 1 - _stays_inside(len(ranks), num_ranks, gamma * (1 + 1e-9))
 
 
@@ -176,7 +177,7 @@ def ecdf_envelope(
     least = np.log((1 - level) / num_ranks) - 1.0
     most = 0.0 if num_ranks == 1 else np.log(1 - level) + 0.1
     root: float = brentq(excess, least, most, xtol=1e-3)  # pyright: ignore
-    # Counts are discrete, so the bisection may end on the wrong side of a step.
+    # Counts are discrete, so the bisection may end on the wrong side of a jump.
     lower, upper = _bounds(num_replications, num_ranks, float(np.exp(root - 2e-3)))
     return lower / num_replications, upper / num_replications
 

@@ -40,7 +40,7 @@ AS_WELL = 2.0
 # their own.
 TOLD_APART = 0.5
 logger = logging.getLogger("jbw")
-FLAT = 0.1  # A smaller change of chi-square does not prefer a value.
+FLAT = 0.1  # A smaller change of chi-square does not show that one value is better than another.
 PLACES = 4  # number of points of a profile on each side of the fit, up to `REACH`
 REACH = 3.0  # range of a profile in standard deviations, slightly beyond the 2.58 of 99 %
 MOST_FURTHER = 6  # largest number of points beyond that range, each twice as far as the one before

@@ -33,7 +33,7 @@ class Draw(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """A Markov chain as functions: first state, next step, and parameters of a state.
+    """A Markov chain as three functions: first state, next step, and parameters of a state.
 
     Its options have `num_warmup`, `num_samples`, `num_chains` and `chain_method`.
     """
@@ -239,7 +239,7 @@ def _first_state(
 ) -> tuple[PyTree, Bool[Array, ""]]:
     """Return the first state of a chain, and whether the posterior density is positive there."""
     key_start, key_chain = jax.random.split(start[0])
-    # A uniform x has a logistic logit, so a spread of 1 covers the whole prior range.
+    # For a uniform x, the logit is logistic, so a spread of 1 covers the whole prior range.
     disperse = jax.random.normal if problem.located else jax.random.logistic
 
     def propose(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:

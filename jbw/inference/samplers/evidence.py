@@ -28,7 +28,7 @@ FORBIDDEN = -1e30
 
 
 def reference(problem: Problem) -> Distribution:
-    """Return the density to which samplers compare a posterior, in normalised coordinates."""
+    """Return the reference density of the importance weights, in normalised coordinates."""
     size = len(problem.box.names)
     if problem.located:
         return dist.MultivariateStudentT(HEAVY, jnp.zeros(size), jnp.eye(size))

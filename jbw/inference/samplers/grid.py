@@ -35,7 +35,7 @@ Bounds = Float[Array, "side parameter"]
 
 
 class Stretch(Coordinate):
-    r"""A stretched coordinate for each parameter, $y = \sinh(\kappa x) / \kappa$, $\kappa$ = 1/2.
+    r"""The stretch of each coordinate, $y = \sinh(\kappa x) / \kappa$ with $\kappa$ = 1/2.
 
     Otherwise the long tails of a poorly determined parameter would take most of the nodes.
     """
@@ -54,7 +54,7 @@ class Stretch(Coordinate):
 
 
 class Grid(NamedTuple):
-    """A grid of equally spaced nodes with log densities [nats], the first coordinate slowest."""
+    """Equally spaced nodes with log densities [nats]; the first coordinate varies slowest."""
 
     whitening: Coordinate
     axes: Float[Array, "parameter place"]
@@ -82,7 +82,7 @@ class Grid(NamedTuple):
 
 
 def tensor(axes: list[Float[Array, " _place"]]) -> Float[Array, "node parameter"]:
-    """Return all combinations of values on several axes, the first axis slowest."""
+    """Return all combinations of values on several axes; the first axis varies slowest."""
     return jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
