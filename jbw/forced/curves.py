@@ -231,7 +231,6 @@ def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[
 
 
 def _at(values: NDArray, index: NDArray) -> NDArray:
-    """Return values along the last axis at indices of shape (draw, level)."""
     if values.ndim == index.ndim:
         return np.take_along_axis(values, index, -1)
     return np.take_along_axis(values, index[..., None], -1)[..., 0]

@@ -101,7 +101,6 @@ class EquivalentMotion:
     def _at_points(
         self, function: Callable[..., Array], y: Values, omega: Values, num_harmonics: int
     ) -> tuple[Values, Values]:
-        """Return both results of a function that is compiled for a fixed number of points."""
         draw = np.repeat(np.arange(y.shape[0]), y.size // y.shape[0])
         omega = np.broadcast_to(omega, y.shape)
         function = partial(function, num_harmonics=num_harmonics)

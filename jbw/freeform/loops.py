@@ -76,7 +76,7 @@ class GapSliders:
 
     @property
     def mean_gap(self) -> float:
-        """The mean gap [m], in which each slider counts with its largest force."""
+        """The mean gap [m], weighted by the sliders' largest forces."""
         weights = self.strengths * self.half_widths
         return float(weights @ self.gaps / weights.sum()) if weights.sum() > 0 else 0.0
 

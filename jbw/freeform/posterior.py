@@ -101,7 +101,7 @@ class StrengthPosterior:
         return self._value(theta)[0]
 
     def _value(self, theta: Particles) -> tuple[Reals, SliderStrengths, RowColumns, RowColumns]:
-        """Return log likelihood, strengths, residual / covariance, and derivative by ln tau."""
+        """Return log likelihood, strengths, residual / covariance, and slope in ln(scatter)."""
         w = self.prior.strengths(theta[:, :-1])
         left = self.left(w)
         variance = np.exp(2 * theta[:, -1:]) * self.own_sizes**2
@@ -109,7 +109,8 @@ class StrengthPosterior:
         solved = left - (variance / (1 + variance) * along) @ self.own.T
         excess = np.maximum(w.of_stiffness.sum(axis=1) - 1.0, 0.0)
         squares = np.sum(left * solved, axis=1) + np.log1p(variance).sum(axis=1)
-        # derivative of minus half the sum of squares with respect to ln tau
+        # derivative of minus half the sum of squares with respect to ln(scatter), where scatter is
+        # that between records
         by_scatter = variance / (1 + variance) * (along**2 / (1 + variance) - 1)
         return self.constant - 0.5 * squares - EXHAUSTED * excess, w, solved, by_scatter
 

@@ -133,7 +133,7 @@ def equivalent_acceleration(
     direction: Real[ArrayLike, "..."] | None = None,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Return the acceleration of the equivalent system, whose hysteresis is a switched polynomial.
+    r"""Return the acceleration of the equivalent system, in which a polynomial replaces hysteresis.
 
     $$\ddot y = u - 2\zeta\omega_n\dot y - (k+\lambda_1)\,y - \rho\,y^2 - \lambda_3 y^3 - u_0$$
 
@@ -214,7 +214,7 @@ def simulate_equivalent(
     adjoint: diffrax.AbstractAdjoint | None = None,
     **switching: Any,
 ) -> EquivalentResponse:
-    """Integrate the equivalent system in time, whose hysteresis is a switched polynomial.
+    """Integrate in time the equivalent system, in which a switched polynomial replaces hysteresis.
 
     The method is Tsit5 with a fixed step of 1/(substeps fs); a sampled input is linear between its
     samples. The force jumps at every turning point, by 2 (lambda_0 - lambda_2 y^2). That is little
@@ -285,7 +285,7 @@ def _length(u: Array, num_samples: int | None) -> int:
 
 
 class _Drive(eqx.Module):
-    """The input, the switched force and the switching of the equivalent system, over time in steps.
+    """The input, the switched force and the switching of the equivalent system, by time step.
 
     A step is then a whole number, so that no rounding accumulates over a long record.
     """

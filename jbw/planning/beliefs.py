@@ -50,7 +50,7 @@ class Beliefs:
     names: tuple[str, ...]  # names of the inferred parameters
     # quantity by which changes of each parameter are divided
     scale: Float[np.ndarray, "joint parameter"]
-    # inverse covariance of these relative changes that the prior states
+    # inverse of the covariance that the prior gives these relative changes
     precision: Float[np.ndarray, "parameter parameter"]
     box: Box  # prior bounds of the inferred parameters, to find those that tests do not determine
     laws: tuple[str, ...] = DEFAULT_LAWS
@@ -78,7 +78,7 @@ def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
 
 
 def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
-    """Return the names of parameters that are shares of omega_n^2, with those of stiffnesses."""
+    """Return names of parameters that are shares of omega_n^2, with the stiffness of each."""
     return {
         monomial.name: name
         for law in laws_named(laws)

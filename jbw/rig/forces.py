@@ -246,7 +246,7 @@ class GapForce(Force):
         return 0.0 * z[0], 0.0 * z[1]
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
-        """Advance by the midpoint rule in contact; after a release, move freely until the end."""
+        """Advance by the midpoint rule in contact; after a release, let the element move freely."""
         z, s = before
 
         def slope(force: Scalar) -> Scalar:
