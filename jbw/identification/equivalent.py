@@ -123,7 +123,8 @@ def _joint_draws(
     theta = {**held, **sampled}
     if not set(names) <= set(theta):
         return None
-    if are_at_joints(laws):  # These draws belong to a structure with a fixed model.
+    # With several joints, the draws also need the fixed numbers of the reduced model.
+    if are_at_joints(laws):
         names += [name for name in held if name not in names]
     return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))
 

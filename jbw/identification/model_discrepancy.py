@@ -108,7 +108,7 @@ class NoiseSquares(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """The squared residual that shifts of frequency and damping leave, and its expected value."""
+    """The squared residual after shifts of frequency and damping, with its expected value."""
 
     square: float
     mean: float

@@ -40,7 +40,7 @@ def shape_prior() -> Density:
 
 
 def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
-    """Return, for each joint, the joint and mode at which its law's factor is fixed to one."""
+    """Return for each joint the pair (joint, mode) whose motion factor is fixed to one."""
     shares = _energy_shares(modes, joints_of(laws))
     homes: dict[str, Place] = {}
     for joints in dict.fromkeys(split(law)[1] for law in laws):

@@ -142,7 +142,7 @@ def bend_by_rates(
 def turn_by_slopes(
     law: Law, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
 ) -> tuple[Memory, Scalar, Scalar]:
-    """Return the internal state after a reversal, and the effect of the force's kink on v and y."""
+    """Return the internal state after a reversal, and how the force's kink changes v and y."""
     path = StepPath.through(ends, quartic)
     top = y + path.before
     memory_at_top = law.move(y, memory, path.before)

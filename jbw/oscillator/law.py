@@ -204,7 +204,7 @@ class Law(eqx.Module):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Return the internal state after a step that may reverse, and the kinks' effect on v, y.
+        """Return the internal state after a step that may reverse, and how kinks change v and y.
 
         Args:
             h: Length of the step [s].

@@ -48,7 +48,7 @@ class Beliefs:
 
     joints: Draws  # values of all parameters and of `gain` for every joint, in their units
     names: tuple[str, ...]  # names of the inferred parameters
-    # quantity by which changes of each parameter are divided
+    # divisor that makes changes of each parameter relative
     scale: Float[np.ndarray, "joint parameter"]
     # inverse of the covariance that the prior gives these relative changes
     precision: Float[np.ndarray, "parameter parameter"]

@@ -253,7 +253,7 @@ class BoucWenNu(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the spring's stretch after a step with a reversal, and the kink's effect on v, y.
+        """Return the spring's stretch after a step with a reversal, and how the kink changes v, y.
 
         The force's slope jumps by 2 alpha g |w|^nu at the kink.
         """
@@ -274,7 +274,7 @@ class BoucWenNu(Law):
     def missed(
         self, h: Scalar, start: tuple[Scalar, Scalar], end: tuple[Scalar, Scalar]
     ) -> tuple[Scalar, Scalar]:
-        r"""Return the effect on v and y of $r' = -\alpha h v f$ near w = 0, for w linear in time.
+        r"""Return how $r' = -\alpha h v f$ near w = 0 changes v and y, for w linear in time.
 
         Far from w = 0 the result would be rounding and is set to zero.
         """

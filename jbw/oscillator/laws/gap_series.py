@@ -174,7 +174,7 @@ class GapSeries(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        r"""Return the internal state after a step that may reverse, and its kinks' effect on v, y.
+        r"""Return the internal state after a step that may reverse, and how kinks change v and y.
 
         The constant is $c = \sigma(\gamma - \delta)$ at a release and $\sigma(\gamma + \delta)$ at
         a contact, whose jumps have the opposite sign:

@@ -183,7 +183,7 @@ class Iwan5(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
     ) -> tuple[SliderStretches, Scalar, Scalar]:
-        """Return the sliders after a step, and the effect of kinks; a reversal makes all stick."""
+        """Return the sliders after a step, and how kinks change v, y; reversals make all stick."""
         path = StepPath.through(ends, quartic)
         at_turn = self.move(y, memory, path.before)
         regained = jnp.sum(self.array()[0] * jnp.abs(at_turn.slides))

@@ -74,7 +74,7 @@ class KinkedSpring(Spring):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
-        r"""Return the effect on v and y of the corners passed before and after the reversal.
+        r"""Return how the corners passed before and after the reversal change v and y.
 
         From the jumps of f' and f'' at a corner, the jumps of the force's time derivatives are
 

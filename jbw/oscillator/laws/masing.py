@@ -212,7 +212,7 @@ class Masing(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
     ) -> tuple[Branch, Scalar, Scalar]:
-        """Return the internal state after a step with a reversal, and the kinks' effect on v, y."""
+        """Return the internal state after a step with a reversal, and how kinks change v and y."""
         start, end, rise = ends
         # A motion that starts against the branch's direction stems from the correction of the step
         # before; it is too short for a reversal.
@@ -233,7 +233,7 @@ class Masing(Law):
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):
-        """Yield the effect of a closed loop, and of the virgin curve's kink, before a reversal."""
+        """Yield how loop closure and the virgin curve's kink change v and y before a reversal."""
         after, closing = first.end, jnp.asarray(first.popped > 0.5)
 
         def closure():
@@ -289,7 +289,6 @@ class Masing(Law):
 def _where_met(
     met: Bool[Array, "..."], impulses: Callable[[], tuple[Scalar, Scalar]]
 ) -> tuple[Scalar, Scalar]:
-    """Return the effect of a kink that the step meets; zeros if it meets none."""
     nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(impulses))
     return jax.lax.cond(met, impulses, lambda: nothing)
 

@@ -78,7 +78,7 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 
 def _no_kicks(step: ModalStep, state: ModalState) -> tuple:
-    """Return zero effects of kinks, for the time before the first step."""
+    """Return zero impulses of kinks, for the time before the first step."""
     none = jnp.zeros_like(state[0][0])
     return tuple((none, none) for _ in step.joints)
 

@@ -68,7 +68,7 @@ class ModeStep(eqx.Module):
 
 
 class Coupling(eqx.Module):
-    """The effect of one joint's force on another joint's motion in a step, summed over modes.
+    """The effect of one joint's force on another joint's motion within a step, over all modes.
 
     `bend_*` are the effects of h^2 r''/2, a - b of the corrector's constants.
     """
@@ -352,7 +352,7 @@ def half_bend(at: Begun, a: Scalar) -> Scalar:
 
 
 def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Return the effect of other joints' second force derivatives on one joint's x and v."""
+    """Return how other joints' second time derivatives of force change one joint's x and v."""
     if not half_bends:
         return ()
     pairs = list(zip(joint.by_others, half_bends, strict=True))
@@ -360,7 +360,7 @@ def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
 
 
 def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-    """Return, for each joint, the effect of other joints' second force derivatives on x and v."""
+    """Return how, for each joint, other joints' second time derivatives of force change x and v."""
     return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
 
 
