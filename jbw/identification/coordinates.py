@@ -29,7 +29,7 @@ from jbw.report.messages import posterior as messages
 
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
-    """Return the prior bounds of the joint posterior: those of the joint and those of the gain."""
+    """Return the prior bounds of the joint posterior: of the joint, and of the gain."""
     parts = parts_of("", data.parts)
     # If no test determines the damping, all tests prescribe the displacement of the joint.
     forced = all("zeta" not in part.informs for part in parts)

@@ -121,7 +121,7 @@ def weighted_draws(
 def solvable_draws(
     key: Key[Array, ""], density: Draws, theta: Mapping[str, Draws], data: Dataset
 ) -> tuple[Draws, dict[str, Draws]]:
-    """Return the draws; replace those at which the model cannot be solved by solvable ones.
+    """Return the draws; replace draws for which the model cannot be solved by solvable ones.
 
     A Gaussian reaches parameters that no motion belongs to, at which a posterior is zero. A single
     such draw would leave a prediction without a median.

@@ -76,7 +76,7 @@ def each_run(one: Candidate) -> dict[str, HeldOut]:
 def left_out(
     key: Key[Array, ""], one: Candidate, draws: xr.DataTree, about: Reparametrisation
 ) -> LeftOut:
-    """Predict each run from the others; return the log predictive density and the error.
+    """Predict each run from the other runs; return the log predictive density and the error.
 
     Draws of the whole posterior are weighted again, as if without the run. If a run moves the
     posterior far, these weights are poor, as k-hat shows, and points near a fit without the run are
@@ -108,7 +108,7 @@ def left_out_of_fits(one: Candidate) -> LeftOut:
 
 
 def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
-    """Return the log density of held-out data groups at a fit to the others [nats]."""
+    """Return the log density [nats] of held-out data groups at a fit to the other groups."""
     return likelihood_at(piece.fit, data) - likelihood_at(piece.fit, piece.rest)
 
 

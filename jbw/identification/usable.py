@@ -32,7 +32,7 @@ class UsableTests(NamedTuple):
 def usable(
     tests: Sequence[Test], settings: Identify, gain: Gain = None, *, several_modes: bool = False
 ) -> UsableTests:
-    """Return the tests that can be fitted, and sentences on the others.
+    """Return the tests that can be fitted, and sentences on the tests that cannot.
 
     If the settings are `strict`, or no test can be used, all tests are returned, so that the error
     that follows gives the reason. With several modes at the joint there is no Step 2.

@@ -221,7 +221,7 @@ class MeasurementPlan:
 
 
 class FleetDesign(NamedTuple):
-    """The expected accuracy of a fleet design, relative to the standard deviation between units.
+    """The accuracy expected of a fleet of units, relative to the standard deviation between units.
 
     Attributes:
         levels: Number of torques, evenly spaced in the logarithm.
@@ -241,7 +241,7 @@ class FleetDesign(NamedTuple):
 def fleet_designs(
     torque: tuple[float, float], designs: Iterable[tuple[int, int]] = DESIGNS
 ) -> list[FleetDesign]:
-    """Return the expected accuracy of fleet designs with torques between two limits [N m].
+    """Return the accuracy expected of fleets of units with torques between two limits [N m].
 
     Raises:
         ConfigError: The torques are no range, or a design has fewer than three units.

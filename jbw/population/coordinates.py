@@ -58,7 +58,7 @@ def parameters_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
-    """Return a fleet's pooled quantities: the named ones, or those that every unit determines.
+    """Return a fleet's pooled quantities: named ones, or all that every unit determines.
 
     The usual coordinates of a law are its products, which the data determine where parameters
     trade; the parameters that are in no product; and further coordinates where every unit

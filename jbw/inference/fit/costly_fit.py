@@ -149,7 +149,7 @@ def wide_enough(
     differences: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     s: NDArray[np.float64],
 ) -> Float[np.ndarray, "residual parameter"]:
-    r"""Return the Jacobian, by differences over a standard deviation if those over 1e-5 are unsafe.
+    r"""Return the Jacobian by differences; widen steps to a standard deviation if 1e-5 is unsafe.
 
     $$h_i = 1 / \lVert J_i \rVert$$
 

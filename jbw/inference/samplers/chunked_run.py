@@ -214,7 +214,7 @@ def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:
 def _states(
     before: Chains, starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> PyTree:
-    """Return the states from which chains continue: the checkpoint's, or initial ones."""
+    """Return the states from which chains continue: from a checkpoint, or initial states."""
     first, possible = start_chains(starts, problem, make, options)
     if not np.all(possible):
         raise ModelError(

@@ -80,7 +80,7 @@ def nothing_remembered(size: int = SIZE) -> Branch:
 
 
 def with_room(memory: Branch, size: int) -> Branch:
-    """Return a state with storage for `size` load reversals; those dropped before remain lost."""
+    """Return a state with storage for `size` load reversals; reversals dropped before stay lost."""
     stack = memory.stack
     more = tuple(0.0 * stack.count for _ in range(size - len(stack.y)))
     return memory._replace(stack=stack._replace(y=(*stack.y, *more), f=(*stack.f, *more)))

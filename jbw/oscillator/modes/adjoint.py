@@ -284,7 +284,7 @@ def _ways(at: Any) -> list[Any]:
 
 
 def _recurrence(step: ModalStep, state_dot, inputs):
-    """Advance the derivative of the state by one step, from those of each joint's step."""
+    """Advance the derivative of the state by one step, from derivatives of all joints' steps."""
     slopes, (rise_by, gain_by, seen_by), post = inputs
     (q, v, memories), _ = state_dot
     none = tuple(jnp.zeros_like(part) for part in q)
