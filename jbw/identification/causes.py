@@ -132,7 +132,7 @@ def _near_optimum(best: Fit, data: Dataset, misfit: Misfit) -> Try:
     basis, factor = np.linalg.qr(np.concatenate(directions))[0], np.concatenate(counted)
 
     def beyond(x: Any) -> Any:
-        """Subtract from columns their projection on the sensitivities to the parameters."""
+        """Remove from columns their projection on the model's sensitivities to its parameters."""
         return x - basis @ (basis.T @ x)
 
     residual = beyond(np.concatenate(rows))

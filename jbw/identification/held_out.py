@@ -34,7 +34,7 @@ def held_out[Piece: Hashable](
     data: Dataset,
     stage: str = "",
 ) -> dict[Piece, HeldOut]:
-    """Repeat a fit, each time without another part of the data; return the fits by part.
+    """Repeat a fit, each time without one part of the data; return the fits by omitted part.
 
     Args:
         pieces: Labels of the groups of each piece.

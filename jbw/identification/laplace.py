@@ -302,7 +302,7 @@ def _covariance_of_offsets(
 
 
 def not_sampled(weighted: WeightedDraws | None) -> Finding:
-    """Return the finding that a quick answer's posterior was not sampled, and its replacement."""
+    """Return the finding that a quick answer replaced posterior draws by an approximation."""
     effective = None if weighted is None else weighted.effective
     values = {"intervals": messages.intervals_of_fit(effective)}
     return Finding("not_sampled", "not assessed", values, float("nan"))

@@ -133,7 +133,7 @@ def modes_by_output(lines: FRFLines, theta: Real) -> list[Modes]:
 
 
 def terms(part: FRF, count: int) -> Complex:
-    """Return the columns of the residual terms U and L in the measured response."""
+    """Return the responses to unit residual terms U and L, as columns, in the measured quantity."""
     inverse_square = (part.omega.mean() / part.omega) ** 2
     return np.array([to_measured(part), to_measured(part) * inverse_square])[:count]
 

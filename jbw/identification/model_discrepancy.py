@@ -676,7 +676,7 @@ def _rest(
 
 
 def _over(rest: Rest, size: float) -> Rest:
-    """Return squared residuals divided by the mean square of a response."""
+    """Divide squared residuals by the mean square of a response."""
     square, mean, variance, noise = rest
     return Rest(square / size, mean / size, variance / size**2, noise / size)
 

@@ -57,7 +57,7 @@ def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
 
 
 def seen_by(function: Any, data: PyTree) -> PyTree:
-    """Return the part of the data that a function uses, as marked by `seeing`."""
+    """Return the data that a function uses, as marked by `seeing`."""
     seen = getattr(function, "seen", None)
     return data if seen is None else seen(data)
 
@@ -109,7 +109,6 @@ def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data
 def _rest(
     function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
 ) -> PyTree:
-    """Return the values of a function whose expensive part has been computed before."""
     return jax.vmap(lambda point, motions: function(point, eqx.combine(data, motions)))(
         dict(theta), solved
     )

@@ -60,7 +60,7 @@ class Dataset(eqx.Module):
         held: Mapping[str, float] | None = None,
         stated: StatedDensities | None = None,
     ) -> Self:
-        """Build a dataset from parts, without run offsets; parameters in `held` are fixed."""
+        """Build a dataset from its parts, without run offsets; parameters in `held` are fixed."""
         fixed = {name: jax.device_put(np.float64(value)) for name, value in (held or {}).items()}
         nodes, scatter = jax.device_put(np.zeros((1, 0))), jax.device_put(np.zeros(0))
         return cls(tuple(parts), fixed, nodes, scatter, stated or StatedDensities())
@@ -152,7 +152,7 @@ def solved(
     # one array of rows per part of the dataset
     rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,
 ) -> Solved | None:
-    """Compute a dataset's costly predictions at many points in advance; None if there are none.
+    """Compute a dataset's costly predictions at parameter points in advance; None if impossible.
 
     This combines `Observable.solved` of all parts, each with its own `rows`.
     """
@@ -368,7 +368,7 @@ def residual_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict
 
 
 def measured_parts(data: Dataset) -> list[Observable]:
-    """Return the parts of the dataset that are records; omit prior estimates."""
+    """Return those parts of the dataset that are records; omit prior estimates."""
     return [part for part in data.parts if not part.groups.is_prior]
 
 

@@ -86,7 +86,7 @@ class LineReading(KnownReading):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return this likelihood term with its predictions computed in advance at many points.
+        """Return this likelihood term, with predictions computed in advance at parameter points.
 
         One program serves all datasets. None is returned for several modes, and for laws that the
         exact step does not support.

@@ -145,7 +145,7 @@ def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -
 def zeros_of_load_cells(
     kinds: Sequence[str], counted: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "test 2 time"] | None:
-    """Return columns for offset and drift of load cells; None if tests have no such errors."""
+    """Return the time functions of load cells' offset and drift; None if tests have none."""
     if all(kind == "exact" for kind in kinds):
         return None
     columns = np.zeros((len(kinds), 2, max(map(len, counted))))

@@ -143,7 +143,7 @@ class ModalDecays(Decays):
         )
 
     def solved(self, *points: Any, **asked: Any) -> None:
-        """Return None, because decays of several modes have no part that can be precomputed."""
+        """Return None, because nothing can be computed in advance for decays of several modes."""
 
     def matches(self, theta: Theta) -> Any:
         """Fit the initial state of each record in turn; stack the results along one axis."""
@@ -266,7 +266,7 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
 def modal_envelopes(
     structure: Structure, own: Float[Array, " own"], data: ModalDecays
 ) -> Complex[Array, "mode step"]:
-    r"""Return each mode's part of a record's envelope, given the record's own unknowns.
+    r"""Return each mode's contribution to a record's envelope, given the record's own unknowns.
 
     Modes other than those of the decays do not ring: they begin at their static position under the
     joints' forces, $q_i = -\sum_j p_{ij} r_j / \omega_i^2$; their motion is counted with the first

@@ -220,7 +220,7 @@ class Observable(eqx.Module):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return data with costly predictions computed in advance at many points; None without any.
+        """Return data with costly predictions computed in advance at parameter points, or None.
 
         Args:
             theta: The parameters at points.

@@ -327,7 +327,7 @@ class Records(Observable):
         writes: bool,
         rows: Float[np.ndarray, "level row value"] | None = None,
     ) -> Self | None:
-        """Return the records with predictions computed in advance at many points, or None.
+        """Return the records with predictions computed in advance at parameter points, or None.
 
         It cannot be used for several modes, residual terms or periodic motion, nor for laws that
         the exact step does not support. The number of solver steps, which no longer matters, is
@@ -401,14 +401,14 @@ class Records(Observable):
     def _joints_at(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
     ) -> Oscillator | None:
-        """Return one level's oscillators at many points; None if they do not suit a batch."""
+        """Return one level's oscillators at parameter points; None if they do not suit a batch."""
         joints = self._joints_of_levels(theta, [number])
         return None if joints is None else joints[0]
 
     def _joints_of_levels(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
     ) -> list[Oscillator] | None:
-        """Return several levels' oscillators at many points, with repeats that fill the batch."""
+        """Return several levels' oscillators at parameter points; repeats fill the batch."""
         if self.periodic or any(self.points):
             return None
         count, origin = len(numbers), np.asarray(self.groups.origin)[list(numbers)]

@@ -117,7 +117,7 @@ def move_by_rates(law: Law, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
 def remainder_by_rates(
     law: Law, h: Scalar, y: Scalar, v: Scalar, memory: Memory
 ) -> tuple[Scalar, Scalar]:
-    """Return the force without its linear part, r = F - K y, and its rate times the time step h."""
+    """Return the nonlinear force r = F - K y, and its rate times the time step h."""
     stiffness, rate = law.stiffness(), law.rate(y, v, memory)
     force, rise = jax.jvp(
         lambda y, memory: law.force(y, v, memory),

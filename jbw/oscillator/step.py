@@ -314,5 +314,5 @@ def shifted(laws: tuple[Law, ...], end: End, dy: Scalar) -> tuple[Memory, ...]:
 
 
 def added(parts: Iterable[Any]) -> Any:
-    """Return the sum of parts, without the starting zero that XLA would add."""
+    """Return the sum of several terms, without the starting zero that XLA would add."""
     return reduce(add, parts)

@@ -106,7 +106,7 @@ class PlannedBackbone:
 
     @property
     def num_samples(self) -> int:
-        """The number of samples of each point that are used."""
+        """The number of samples that are used at each point."""
         return round((self.dwell - self.settle) * self.fs)
 
     @property

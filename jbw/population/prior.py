@@ -49,7 +49,7 @@ class Prior(NamedTuple):
 
 
 class CovariateDesign(NamedTuple):
-    """The covariates of the units, as columns next to a column of ones.
+    """The covariates of the units as columns, together with a column of ones.
 
     Attributes:
         columns: Names of the columns: `mean`, then `torque` and `sequence`, as far as they vary.

@@ -144,7 +144,7 @@ class ForcedTests:
             yield self.marked("curve", name, curve.test, predicted)
 
     def whole(self, test: Test) -> Placed:
-        """Yield the comparison of a whole test with the prediction that suits its kind."""
+        """Yield the comparison of a test with the prediction for its kind of test."""
         source = self.beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS)
         yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
 

@@ -233,7 +233,7 @@ def _placed(problem: Problem, w: Float[Array, "point parameter"]) -> tuple[dict[
 
 
 def _log_density(pair: Pair, w: Points) -> Weights:
-    """Return the log density of each point under the mixture from which its half was drawn."""
+    """Return the log density of each point under the mixture from which it was drawn."""
     halves = [mixtures.log_density(mixture, w[i::2]) for i, mixture in enumerate(pair)]
     return np.stack(halves, axis=1).ravel()
 

@@ -173,7 +173,7 @@ class BoucWenNu(Law):
         return batched(stretch_path.moved, self, memory, dy)
 
     def follow(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Return the spring's stretch after one of many moves along a record, in eight parts.
+        """Return the spring's stretch after one of many moves along a record, in eight steps.
 
         With 250 samples per cycle the error is 1e-6 of the largest stretch for nu >= 0.5, and 2e-4
         for nu = 0.1, whose force bends sharply at w = 0.

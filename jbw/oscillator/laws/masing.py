@@ -188,7 +188,7 @@ class Masing(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Branch, branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """Return the force without its linear part, F - K y, and its rate times the time step h."""
+        """Return the nonlinear force F - K y, and its rate times the time step h."""
         return memory.force - self.stiffness() * y, h * v * memory.slope
 
     def bend(

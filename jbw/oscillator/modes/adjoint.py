@@ -99,7 +99,7 @@ def _solve_jvp(primals, tangents):
 
 
 class StepSlopes(NamedTuple):
-    """Derivatives of one part of a joint's time step.
+    """Derivatives of one calculation within a joint's time step.
 
     Attributes:
         columns: Change of the part per unit of each of its arguments.
@@ -110,7 +110,7 @@ class StepSlopes(NamedTuple):
     offset: tuple
 
     def along(self, *arguments: Any) -> tuple:
-        """Return the change of a part of a joint's step for given changes of its arguments."""
+        """Return the change of the calculation's result for given changes of its arguments."""
         changes = jax.tree.leaves(arguments)
         return tuple(
             offset + sum(column[i] * x for column, x in zip(self.columns, changes, strict=True))
@@ -194,7 +194,7 @@ def _by_constants(
 
 
 def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tuple[tuple, ...]:
-    """Apply a function to every joint in many steps, and group each result by joint.
+    """Apply a function to every joint in many steps, and group the results by joint.
 
     Joints with the same laws are stacked in one array: they are compiled once, which saves most of
     the additional compilation for several joints.

@@ -62,7 +62,7 @@ def dynamic_stiffness(
 def joint_forces(
     laws: tuple, omega: Scalar, x: Complex[Array, "joint harmonic"], max_turns: int
 ) -> Complex[Array, "joint harmonic"]:
-    """Return the harmonics r_n of each joint's force without its linear part, along its motion.
+    """Return the harmonics r_n of each joint's nonlinear force along its motion.
 
     Joints with laws of the same kinds are computed side by side, by one program.
     """
@@ -112,7 +112,7 @@ def _law_harmonics_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple
 
 
 def _joint_force(laws: tuple, x: Array, omega: Scalar, max_turns: int) -> Array:
-    """Return the harmonics of the forces, without their linear part, of one joint's laws."""
+    """Return the harmonics of the nonlinear force of one joint's laws."""
     parts = [
         law.harmonics(x, max_turns, omega) if law.feels_rate else law_harmonics(law, x, max_turns)
         for law in laws
