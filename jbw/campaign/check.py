@@ -44,12 +44,12 @@ from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record, is_sampled, share_clock
-from jbw.measurement.spans import toml_list
+from jbw.measurement.spans import in_whole_periods, toml_list
 from jbw.measurement.spectra import strongest_line
 from jbw.quantities import FED
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.message import FaultText
-from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
+from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, SPAN, exclude
 
 # Largest plausible motion of a joint [m]; joints on benches and in machines move by centimetres.
 LARGEST_MOTION = 1.0
@@ -250,7 +250,7 @@ def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
     if not (test.traits.is_transient and driven):
         return []
     reading = examined_sweep(record, test.band, test.delay).reading
-    if reading is None or reading.residual > OF_ONE_MODE:
+    if reading is None or reading.residual > OF_ONE_MODE or np.isnan(reading.gain):
         return []
     return [(record.name, reading.gain)]
 
@@ -366,10 +366,14 @@ def findings(
             return stated
         return [*stated, *doubtful(record, test, first)]
 
-    if worst(facts) == "error":
-        return tuple(facts)
-    # What the file and the campaign state is certain; remedies for contradictions need no trial.
-    return (*facts, *tried(doubtful(record, test, first), facts, record, test, look, _reading))
+    doubts = [] if worst(facts) == "error" else doubtful(record, test, first)
+    # What the file and the campaign state is certain, so that only cuts of a record are tried.
+    certain = [fault for fault in facts if not SPAN.search(fault.remedy)]
+    uncertain = [
+        replace(fault, remedy=in_whole_periods(fault.remedy, record, test.periods))
+        for fault in [*(fault for fault in facts if fault not in certain), *doubts]
+    ]
+    return (*certain, *tried(uncertain, certain, record, test, look, _reading))
 
 
 def has_one_mode(spec: CampaignSpec) -> bool:
@@ -383,7 +387,8 @@ def has_one_mode(spec: CampaignSpec) -> bool:
 def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:
     """Return the errors of a record's channels and its contradictions to the campaign file."""
     in_order = test.traits.is_curve and not test.traits.is_controlled
-    faults = list(inspect(record, masked=test.gaps == "mask", is_curve=in_order))
+    masked = test.gaps == "mask"
+    faults = list(inspect(record, masked=masked, is_curve=in_order, delay_s=test.delay))
     fits = _fits_curve if test.traits.is_curve else _fits_test
     contradictions = list(fits(record, test))
     for other in first:

@@ -25,9 +25,9 @@ from jbw.measurement.spans import start_of
 from jbw.measurement.steady_lines import without_lines
 from jbw.report.messages import remedies
 
-LINE = re.compile(r"`((\w+) = [^`]+)`")
+LINE = re.compile(r"`((\w+) = [^`]+)`(?: and `([^`]+)`)?")
 # Keys that only affect the examination and leave the samples unchanged.
-STATED = {"settle", "band", "delay", "load_cell"}
+STATED = {"settle", "band", "delay", "load_cell", "periods"}
 OR = ", or "  # text that separates the alternatives of a remedy
 # Largest relative difference of two modes' damping, or difference of their frequencies / half-power
 # width. Correct remedies of simulated faults give less than 0.13, wrong remedies 0.18 or more.
@@ -49,7 +49,7 @@ def tried(
     """Return the findings on a record, with only those remedies that were shown to work.
 
     Args:
-        faults: Faults that the record itself shows.
+        faults: Faults whose remedies are tried.
         stated: Other faults that `look` finds in the record.
         record: The record.
         test: Table of its test.
@@ -90,12 +90,13 @@ def _cures(
     line = LINE.search(fault.remedy)
     if line is None or (line[2] not in STATED and line[2] not in CHANGES):
         return line is not None
-    value = tomllib.loads(line[1])[line[2]]
+    values = tomllib.loads("\n".join(filter(None, line.group(1, 3))))
     try:
-        if line[2] in STATED:
-            test = test.model_copy(update={line[2]: tuple(value) if line[2] == "band" else value})
-        else:
-            record = CHANGES[line[2]](record, value)
+        for key, value in values.items():
+            if key in STATED:
+                test = test.model_copy(update={key: tuple(value) if key == "band" else value})
+            else:
+                record = CHANGES[key](record, value)
         left = look(record, test)
         if fault.leaves is not None and not _leaves(read(record, test), line[2], fault.leaves):
             return False

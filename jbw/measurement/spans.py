@@ -8,14 +8,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from jbw.measurement.channels import Reals
-from jbw.measurement.records import Record
+from jbw.measurement.records import RESPONSES, Record
 from jbw.report.messages import remedies
 
 DIGITS = 6  # digits of the ends of a proposed span, relative to its length
 LEAST = 0.05  # share of a record below which a part is not worth keeping
+MOST = 0.3  # share of the response's energy below which a part is not worth keeping
 SPAN = "span"  # key of a record's provenance
 
 
@@ -80,23 +81,54 @@ def unbroken_line(
     return span_line(float(ends[0]), float(ends[1]), begins)
 
 
-def clean_part(spoilt: Bool[np.ndarray, " time"]) -> slice:
-    """Return the first segment without bad samples that is half as long as the longest, or more."""
+def clean_part(
+    spoilt: Bool[np.ndarray, " time"], power: Float[np.ndarray, " time"]
+) -> tuple[slice, float]:
+    """Return the segment without bad samples that contains most power, and its share of all."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], spoilt, [True]]).astype(np.int8)))
-    starts, stops = edges[::2], edges[1::2]
-    if not len(starts):
-        return slice(0, 0)
-    at = int(np.argmax(2 * (stops - starts) >= np.max(stops - starts)))
-    return slice(int(starts[at]), int(stops[at]))
+    so_far = np.concatenate([[0.0], np.cumsum(np.where(spoilt, 0.0, power))])
+    held = so_far[edges[1::2]] - so_far[edges[::2]]
+    if not len(held):
+        return slice(0, 0), 0.0
+    at = int(np.argmax(held))
+    return slice(int(edges[2 * at]), int(edges[2 * at + 1])), held[at] / max(so_far[-1], 1e-300)
 
 
 def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
-    """Return the remedy for bad samples: keep a span without them, or leave out the record."""
-    part = clean_part(spoilt)
-    if not np.isfinite(record.fs) or part.stop - part.start < max(2, LEAST * len(spoilt)):
+    """Return the remedy for bad samples: keep a span without them, or leave out the record.
+
+    The span contains most of the response's energy, because a resonance is there and a decay
+    begins there.
+    """
+    role = next(role for role in (*RESPONSES, *record.channels) if role in record.channels)
+    x = record.channels[role]
+    is_like = len(x) == len(spoilt)  # otherwise the lengths of the channels are reported, too
+    finite = np.isfinite(x)
+    middle = x[finite].mean() if np.any(finite) else 0.0
+    power = np.where(finite, x - middle, 0.0) ** 2 if is_like else np.ones(len(spoilt))
+    part, share = clean_part(spoilt, power)
+    is_short = part.stop - part.start < max(2, LEAST * len(spoilt))
+    if not np.isfinite(record.fs) or is_short or share < MOST:
         return f"{left_out(record)}."
     line = span_line(part.start / record.fs, part.stop / record.fs, start_of(record))
     return remedies.part_or_leave_out(line, exclude_line(record))
+
+
+def in_whole_periods(remedy: str, record: Record, periods: int) -> str:
+    """Return a remedy with its span cut to whole periods of a record that has several.
+
+    The number of periods is stated beside the span. If the span is shorter than a period, the
+    remedy is to leave the record out.
+    """
+    if periods == 1 or (match := remedies.SPAN.search(remedy)) is None:
+        return remedy
+    first, last = (float(end) for end in match.groups())
+    period = record.num_samples / record.fs / periods
+    count = int((last - first) / period + 1e-6)
+    if count < 1:
+        return f"{left_out(record)}."
+    keeps = remedies.span(_written(first), _written(first + count * period))
+    return remedies.SPAN.sub(f"{keeps} and `periods = {count}`", remedy)
 
 
 def kept_before(record: Record, at_s: float) -> str:

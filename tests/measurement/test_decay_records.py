@@ -6,8 +6,10 @@ import pytest
 from jbw.campaign.check import findings
 from jbw.campaign.tables import TestSpec
 from jbw.measurement.faults import window
+from jbw.measurement.faults.hypothesis import Facts
 from jbw.measurement.faults.window import window_constant
 from jbw.measurement.files.assemble import unwindowed
+from jbw.measurement.readings.read import decay_fits
 from jbw.measurement.records import Record
 
 FS, HZ, RATE = 600.0, 30.0, 1.1
@@ -197,11 +199,11 @@ def test_skirts_of_a_strong_line_are_no_noise():
 
 @pytest.mark.parametrize("unit", [1e-4, 1.0, 300.0])
 def test_noise_is_compared_with_the_converter_step_in_the_unit_of_the_record(monkeypatch, unit):
-    step = unit / 128
-    steps = []
+    x, steps = unit / 128 * np.round(128 * noisy(free())), []
     monkeypatch.setattr(window, "window_constant", lambda *given: steps.append(given[-1]))
-    found(step * np.round(128 * noisy(free())))
-    assert steps == pytest.approx([1e-2 * step], rel=1e-9)
+    record = Record(FS, {"velocity": x}, {"velocity": "m/s"})
+    list(window.Window().seen(decay_fits(record, BAND, 0.0), Facts(record, 0.0, 0.0, BAND)))
+    assert steps == pytest.approx([unit / 128], rel=1e-9)
 
 
 def test_a_beat_of_two_modes_is_neither_blow_nor_drive():

@@ -8,13 +8,14 @@ import numpy as np
 from jbw.measurement.faults.clipping import LEVELS_FROM, clipped
 from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.measurement.faults.samples import drop_outs, held_for
-from jbw.measurement.records import RESPONSES, Record
+from jbw.measurement.records import INPUTS, RESPONSES, Record
 from jbw.measurement.spans import exclude_line, kept_part, span_line, start_of
 from jbw.report.messages import record_faults as messages
 from jbw.report.messages.message import first_of
 
 # Beyond any SI value of a vibration test: a flipped bit in a float makes such values.
 LARGEST = 1e12
+LAGS = 0.5, 2.5  # stated delays that account for held values, divided by the lag of these values
 FOLDS = 4  # turns of the frequency along a curve; more turns mean that lines are out of order
 HELD_RUN = 4  # consecutive equal samples in a changing signal: the recorder filled them in
 CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled ones
@@ -26,10 +27,17 @@ PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m],
 GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration": "mm/s^2"}
 
 
-def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
-    """Return all faults that the checks find in a record, errors before warnings."""
-    # With `masked`, samples may be NaN. `is_curve` states whether a frequency channel contains
-    # the frequencies of a response curve.
+def inspect(
+    record: Record, *, masked: bool = False, is_curve: bool = True, delay_s: float = 0.0
+) -> tuple[Fault, ...]:
+    """Return all faults that the checks find in a record, errors before warnings.
+
+    Args:
+        record: A record of any kind.
+        masked: Whether samples may be NaN.
+        is_curve: Whether a frequency channel contains the frequencies of a response curve.
+        delay_s: Stated lag of the response [s], which accounts for values that are held.
+    """
     faults, lengths = [], {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
@@ -37,11 +45,11 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
     if is_curve and "frequency" in record.channels:
         faults += _ordered(record)
     for role in record.channels:
-        faults += _channel(record, role, masked)
+        faults += _channel(record, role, masked, delay_s)
     return tuple(sorted(faults, key=lambda fault: fault.severity))
 
 
-def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:
+def _channel(record: Record, role: str, masked: bool, delay_s: float) -> Iterator[Fault]:
     """Yield the faults of one channel; stop after a fault that makes its numbers meaningless."""
     x = record.channels[role]
     # NaN passes through min and max, which need no copy of a long record.
@@ -65,7 +73,7 @@ def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:
     elif (largest := max(-x.min(), x.max())) > LARGEST:
         yield refusal(role, *messages.beyond_measurement(int(np.abs(x).argmax()), largest))
     elif np.isfinite(record.fs):
-        yield from _signal(record, role)
+        yield from _signal(record, role, delay_s)
 
 
 def _ordered(record: Record) -> Iterator[Fault]:
@@ -81,7 +89,7 @@ def _ordered(record: Record) -> Iterator[Fault]:
         yield refusal("frequency", *(messages.FOLDED if is_folded else messages.UNORDERED))
 
 
-def _signal(record: Record, role: str) -> Iterator[Fault]:
+def _signal(record: Record, role: str, delay_s: float = 0.0) -> Iterator[Fault]:
     x = record.channels[role]
     levels = np.unique(x[:LEVELS_FROM])
     span, largest = np.ptp(x), max(-x.min(), x.max())
@@ -97,7 +105,10 @@ def _signal(record: Record, role: str) -> Iterator[Fault]:
     is_measured = role in RESPONSES or role == "restoring_force"
     each, first = held_for(x) if is_measured else (1, 0)
     if each > 1:  # other faults show in the values without their repetitions
-        yield doubt(role, *messages.held(each, record.fs / each))
+        lag_s, driven = (each - 1) / 2 / record.fs, set(INPUTS) & record.channels.keys()
+        if not LAGS[0] * lag_s <= abs(delay_s) <= LAGS[1] * lag_s:
+            line = lag_s if driven else None
+            yield doubt(role, *messages.held(each, record.fs / each, line))
         thinned = replace(record, fs=record.fs / each, channels={role: x[first::each]})
         yield from _signal(thinned, role)
         return

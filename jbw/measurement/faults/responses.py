@@ -35,6 +35,7 @@ ABOUT = 0.2
 WIDEST = 0.5  # half width of a band without neighbouring lines, relative to its line's frequency
 # height of another line relative to the strongest; number of lower lines to either side
 OTHER, PEAK_LINES = 3e-3, 2
+SURE = 3.0  # standard deviations of the noise's power
 ELSEWHERE = 0.1  # share of a displacement's power beyond that of a single oscillator
 STANDS_OUT = 5.0  # times the median around: the largest of 1000 lines of noise is 3.2 times it
 FEW = 256  # samples of a displacement: fewer were probably read off a chart
@@ -206,11 +207,14 @@ def several_resonances(record: Record) -> Iterator[Fault]:
     # Lines of white noise in the measured quantity have a power of median / ln 2 on average.
     to_measured = lines.omega ** (2 * derivative_order(record.response))
     noise = np.median(power * to_measured) / np.log(2) / to_measured
-    power = power - noise
     ratio = hz / mode.frequency_hz
     of_mode = np.abs(lines.source / (1 - ratio**2 + 2j * mode.damping * ratio)) ** 2
     outside = ~lines_within(hz, _around_line(peak))
-    elsewhere, expected = (float(np.sum(p[outside]) / np.sum(p)) for p in (power, of_mode))
+    # The power of a line of noise varies by itself, so that the power outside is uncertain.
+    total = max(np.sum(power - noise), power.max())
+    least = np.sum((power - noise)[outside]) - SURE * np.linalg.norm(noise[outside])
+    expected = np.sum(of_mode[outside]) / np.sum(of_mode)
+    elsewhere = min(float(least / total), 1.0)
     if elsewhere - expected > ELSEWHERE:
         low, high = _in_two_digits(_around_line(peak))
         yield doubt(record.response, *messages.several_modes(elsewhere, low, high))

@@ -48,6 +48,7 @@ ODDS = 1e-4
 # smallest change that counts: of zeta or of the relative frequency, divided by zeta
 LEAST_CHANGE = 5e-3
 SURE = 3.0  # standard deviations of a change
+MOST_TURNED = 0.6  # tangent of 31 degrees: phase of a gain, above which its sign is not known
 
 Square = Float[np.ndarray, "row row"]
 
@@ -171,7 +172,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
         top = fits.signal.rate[fits.signal.top]
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
         if fits.signal.is_force:
-            gain = float(np.real(fits.fits[chosen].gains[0]))
+            gain = _real_gain(complex(fits.fits[chosen].gains[0]))
             gain *= fits.signal.unit / fits.signal.drive_unit
     size = float(np.linalg.norm(fits.signal.z))
     residual, linear_residual = (
@@ -187,6 +188,14 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
         zeta_change=zeta_change, exponent=exponent,
         residual=residual, linear_residual=linear_residual, noise=fits.noise * unit, gain=gain,
     )  # fmt: skip
+
+
+def _real_gain(gain: complex) -> float:
+    """Return the real part of a gain; NaN if its phase is neither that of a force nor reversed.
+
+    A lag or an error of a clock turns the phase, so that the gain has no sign.
+    """
+    return gain.real if abs(gain.imag) < MOST_TURNED * abs(gain.real) else np.nan
 
 
 def _evidence(fits: dict[str, ModeFit], count: float) -> dict[str, float]:

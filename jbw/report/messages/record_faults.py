@@ -77,13 +77,17 @@ def few_levels(count: int, least: int) -> FaultText:
     )
 
 
-def held(each: int, fs: float) -> FaultText:
-    """Return the message that each value is repeated for several samples."""
+def held(each: int, fs: float, lag_s: float | None) -> FaultText:
+    """Return the message that each value is repeated for several samples.
+
+    `lag_s` is the lag of the channel if the record has a drive to lag behind.
+    """
+    line = "" if lag_s is None else f", or put under [[test]]: `delay = {lag_s:.4g}`"
     return FaultText(
         f"Each value is repeated for {each} samples: the channel was recorded at {fs:.6g} Hz.",
         "This channel lags channels that were recorded at the stated rate by "
         f"{_samples((each - 1) / 2)}.",
-        f"Export all channels at {fs:.6g} Hz.",
+        f"Export all channels at {fs:.6g} Hz{line}.",
     )
 
 
