@@ -14,7 +14,7 @@ from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.measurement.faults.offset import offset
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
-from jbw.measurement.resonances import driven_lines, read_lines
+from jbw.measurement.resonances import DrivenLines, driven_lines, read_lines
 from jbw.quantities import derivative_order
 from jbw.report.messages import decay_faults as decay_messages
 from jbw.report.messages import response_faults as messages
@@ -204,9 +204,7 @@ def several_resonances(record: Record) -> Iterator[Fault]:
         return
     hz, power = lines.omega / (2 * np.pi), np.abs(lines.y) ** 2
     peak = float(hz[np.argmax(power * lines.omega**2)])
-    # Lines of white noise in the measured quantity have a power of median / ln 2 on average.
-    to_measured = lines.omega ** (2 * derivative_order(record.response))
-    noise = np.median(power * to_measured) / np.log(2) / to_measured
+    noise = _white_noise(lines, derivative_order(record.response))
     ratio = hz / mode.frequency_hz
     of_mode = np.abs(lines.source / (1 - ratio**2 + 2j * mode.damping * ratio)) ** 2
     outside = ~lines_within(hz, _around_line(peak))
@@ -218,6 +216,18 @@ def several_resonances(record: Record) -> Iterator[Fault]:
     if elsewhere - expected > ELSEWHERE:
         low, high = _in_two_digits(_around_line(peak))
         yield doubt(record.response, *messages.several_modes(elsewhere, low, high))
+
+
+def _white_noise(lines: DrivenLines, order: int) -> Reals:
+    """Return the power of white noise in each line of displacement; `order` is that measured.
+
+    Second differences of the ratio of response to drive contain noise and hardly any mode. The mean
+    power of lines of noise is their median over ln 2.
+    """
+    ratio = lines.y / lines.source
+    apart = (ratio[2:] - 2 * ratio[1:-1] + ratio[:-2]) * lines.source[1:-1]
+    measured = np.abs(apart * lines.omega[1:-1] ** order) ** 2 / 6
+    return np.median(measured) / np.log(2) / lines.omega ** (2 * order)
 
 
 def _around_line(peak_hz: float) -> tuple[float, float]:
