@@ -227,3 +227,14 @@ def test_the_slower_of_two_modes_in_a_band_is_no_hum(settle):
         (what,) = named(found(noisy(x, noise=2e-4), 384.0, (12.0, 75.0), settle))
         hz = sorted(float(word) for word in what.split("at ")[1].split(" Hz")[0].split(" and "))
         assert hz == pytest.approx([20.3, 53.7], abs=0.2)
+
+
+@pytest.mark.parametrize("size", [0.3, 1.0])
+def test_what_no_fault_explains_is_said(size):
+    """Four modes in one band, of which no hypothesis has more than two."""
+    t = np.arange(923) / 400.0
+    x = np.exp(-1.4 * t) * np.cos(2 * np.pi * 12.0 * t)
+    for hz, phase in ((10.6, 1.0), (13.1, 2.0), (14.2, 3.0)):
+        x += size * np.exp(-1.3 * t) * np.cos(2 * np.pi * hz * t + phase)
+    (what,) = named(found(noisy(x, noise=5e-3), 400.0, (8.0, 18.0)))
+    assert what.endswith("of the response, and no known fault explains it.")
