@@ -245,7 +245,7 @@ def natural(name: str) -> list[tuple[int, int | str]]:
 
 
 def split(law: str) -> tuple[str, tuple[str, ...]]:
-    """Return the name of a law and the joints that share it; no joints for the only joint's law."""
+    """Return a law's name and the joints that share it; no joints if there is only one joint."""
     plain, _, joints = law.partition(AT)
     return plain, tuple(joints.split(TIED)) if joints else ()
 
