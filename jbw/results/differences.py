@@ -77,7 +77,7 @@ class ReadingBeside(Stored):
 
 
 class TorqueTrend(Stored):
-    """The change of a quantity per doubling of the torque; `direction` is empty if none is seen."""
+    """The change of a quantity per doubling of the torque; `direction` is empty if unclear."""
 
     name: str
     unit: str
