@@ -125,7 +125,7 @@ def as_arrays(value: Any, *kinds: type) -> dict[str, np.ndarray]:
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray], *kinds: type) -> Any:
-    """Rebuild the value that `as_arrays` converted to named arrays."""
+    """Reconstruct the value that `as_arrays` converted to named arrays."""
     made: dict[str, Callable[[Any], Any]] = {
         **{kind.__name__: lambda told, kind=kind: kind(**value(told)) for kind in kinds},
         "tree": lambda told: xr.DataTree.from_dict(

@@ -98,7 +98,7 @@ def watch(
         if several and watched.settings["reference"] < FEW:
             say(messages.several_amplitudes(FEW))
     stated = [reading for reading in watched.added if "statement" in reading]
-    # The last alarm is shown, or without an alarm the statement on the last record.
+    # The last alarm is shown; without an alarm, the statement on the last record.
     last = ([reading for reading in stated if reading["alarm"]] or stated)[-1:]
     shown = watched.added or watched.readings
     record = {"settings": watched.settings, "added": watched.added, "count": len(watched.readings)}

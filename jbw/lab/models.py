@@ -3,10 +3,6 @@
 A simulator takes a random key, the true parameters and a design, and returns data in the form of
 the design. The simulators have separate code for every law, so that an error in a likelihood is not
 repeated here.
-
-A simulator takes a key, the true parameters and a design, and returns data in the form of the
-design. The rig has its own code for every law, so that a factor missing in a likelihood is not
-missing here as well.
 """
 
 from collections.abc import Callable, Iterable

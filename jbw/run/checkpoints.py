@@ -146,7 +146,7 @@ class Checkpoint:
         return perf_counter() - self._saved > max(EVERY_S, self._cost / COST)
 
     def save(self, arrays: Mapping[str, np.ndarray], *, last: bool) -> None:
-        """Overwrite the older of the two checkpoints; then stop the run if that was requested.
+        """Replace the older of the two checkpoints; then stop the run if that was requested.
 
         Raises:
             KeyboardInterrupt: The run was asked to stop.

@@ -54,7 +54,7 @@ def put_whole(path: Path, content: bytes) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Flush a folder's entries to the disk so that a rename survives a power cut."""
+    """Write a folder's entries to the disk, so that a rename survives a power cut."""
     if os.name != "posix":
         return
     handle = os.open(folder, os.O_RDONLY)

@@ -1,4 +1,4 @@
-"""What all exports share: the description of a simulation program, parameters, and templates."""
+"""The common base of all exports: description of a simulation program, parameters, templates."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
