@@ -33,7 +33,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the contents with rate and start of every channel from its own times."""
+    """Return the contents with each channel's rate and start, from the channel's own times."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     for name, item in top(contents).items():

@@ -55,7 +55,7 @@ def _units_of(node: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _rate_of(node: Mapping[str, Any]) -> float | None:
-    """Return the rate of a struct, stated as text or as an interval [s]; None if not stated."""
+    """Return a struct's rate, stated as text or as an interval [s]; None if it is not stated."""
     for name, item in node.items():
         if isinstance(item, Opaque) and item.text and RATE.search(str(name)):
             return positive(number_in(item.text))
@@ -69,7 +69,7 @@ def _states_units(node: Any) -> bool:
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether a file or a struct at its top level states units or a rate for its arrays."""
+    """Return whether a file, or a struct in it, states units or a rate for its arrays."""
     root = top(contents)
     if not contents.reader.startswith(("MATLAB", "npz")):
         return False

@@ -27,7 +27,7 @@ def _channels(root: Any) -> Iterator[tuple[str, Leaf]]:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the channels of a TDMS file, without times if channels state their own rate."""
+    """Return the channels of a TDMS file, without times if the channels state their own rate."""
     series = dict(_channels(top(contents)))
     timed = [name for name, item in series.items() if item.fs]
     channels = {n: x for n, x in series.items() if not (timed and is_time(n.rpartition(".")[2]))}

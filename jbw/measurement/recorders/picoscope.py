@@ -26,7 +26,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether a file has PicoScope's interval and channels named by one letter."""
+    """Return whether a file has PicoScope's interval, and channels named by one letter."""
     root = top(contents)
     return "Tinterval" in root and any(
         re.fullmatch("[A-H]", str(name)) for name in root

@@ -19,7 +19,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def read(contents: Contents) -> Contents:
-    """Return the contents unchanged, because the reader found all facts."""
+    """Return the contents unchanged, because the text reader has found everything."""
     return replace(contents)
 
 

@@ -56,7 +56,7 @@ def _rate(facts: Mapping[str, Any]) -> float | None:
 
 
 def _facts(node: Any, item: Leaf) -> dict[str, Any]:
-    """Return the values next to an array and its attributes; attributes take precedence."""
+    """Return the values stored next to an array, and its attributes, which take precedence."""
     siblings = dict(node) if isinstance(node, Mapping) else {}
     return {**siblings, **item.attributes}
 
@@ -86,7 +86,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the contents with every row or column of a named table as a channel."""
+    """Return the contents with each row or column of a named table as a channel."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     for _, item, facts in _tables(top(contents)):
@@ -109,7 +109,7 @@ def read(contents: Contents) -> Contents:
                 fs, unit, start,
             )  # fmt: skip
             if name in root:
-                continue  # the file uses this name for something else
+                continue  # The file uses this name for something else.
             root[name] = series[name] = channel
     return replace(contents, root=root, series=series)
 
@@ -120,7 +120,7 @@ def is_labelled(contents: Contents) -> bool:
 
 
 def read_labelled(contents: Contents) -> Contents:
-    """Return the variables along a coordinate of times, which becomes the role `time` of all."""
+    """Return the variables along a coordinate of times, which become the times of all channels."""
     clock = _clock(top(contents))
     if clock is None:
         return contents

@@ -17,7 +17,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def read(contents: Contents) -> Contents:
-    """Return the data sets unchanged, as read, with the name of the program that wrote the file."""
+    """Return the data sets as read, and the name of the program that wrote the file."""
     program = str(contents.attributes.get("program", ""))
     return replace(contents, notes={**contents.notes, "program": program or "not stated"})
 
