@@ -1,4 +1,4 @@
-"""The tables of a structure with several joints: [structure] with matrices, and [[joint]]."""
+"""Tables of a structure with several joints: [structure] with matrices, and [[joint]]."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
@@ -18,7 +18,7 @@ FILES = ("mass", "stiffness", "damping", "dofs", "nodes")
 
 
 def place(value: Any) -> AnyPlace:
-    """Return where a joint acts: a degree of freedom, several with factors, or named weights."""
+    """Check where a joint acts: at a degree of freedom, several with factors, or named weights."""
     if isinstance(value, Mapping) and value:
         stated: AnyPlace = {values.text(name): values.number(x) for name, x in value.items()}
     else:
@@ -217,14 +217,14 @@ def leader_of(joint: JointTable, by_name: Mapping[str, JointTable]) -> JointTabl
 
 
 def groups_of(joints: Sequence[JointTable]) -> list[int]:
-    """Return for every joint the index of the joint whose law it uses."""
+    """Return, for each joint, the index of the joint whose law it uses."""
     by_name = {joint.name: joint for joint in joints}
     leaders = [leader_of(joint, by_name) or joint for joint in joints]
     return [[joint.name for joint in joints].index(leader.name) for leader in leaders]
 
 
 def laws_of_joint(joint: JointTable, joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of a joint's laws; for a tied joint those of the other joint."""
+    """Return the names of a joint's laws; for a tied joint, those of the joint it names."""
     return (leader_of(joint, {other.name: other for other in joints}) or joint).laws
 
 

@@ -30,7 +30,7 @@ from jbw.quantities import (
 LIMIT = 0.05  # largest relative error of held-out tests with which a law counts as predictive
 MOST_MODES = 1 + len(MODES)  # largest number of modes that a structure may have
 MOST_POINTS = len(POINTS)  # largest number of response points in addition to the first
-SPRING = "cubic"  # law that is added if only a prior on its parameter is stated
+SPRING = "cubic"  # This law is added if only a prior on its parameter is stated.
 
 Prior = Mapping[str, tuple[float, float]]
 Sampler = Annotated[str, values.OneOf(lambda: ("auto", *SAMPLERS))]
@@ -159,7 +159,7 @@ class Identify(FileTable):
 
     @classmethod
     def of(cls, stated: "Identify | Mapping[str, Any]") -> "Identify":
-        """Return [identify] settings, whether given as a record or as a mapping of keys.
+        """Return [identify] settings, given as a record or as a mapping of keys.
 
         Raises:
             ConfigError: The [identify] table does not accept a key or value.
@@ -379,7 +379,7 @@ def _too_stiff(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str
     shares = {
         name: highest
         for name, (_, highest) in prior.items()
-        # With several joints, each joint has a stiffness.
+        # With several joints, each joint has its own stiffness.
         if quantities[name].is_share and AT not in name
     }
     stiff = [(name, highest) for name, highest in shares.items() if highest >= least]
