@@ -1,4 +1,4 @@
-"""Words of the field and columns of tables, and what they mean."""
+"""Words of the field and columns of tables, with their meanings."""
 
 WORDS: dict[tuple[str, ...], str] = {
     ("verdict", "status", "badge", "usable", "not assessed"): (
