@@ -253,9 +253,9 @@ MESSAGES = (
         "record's rms, that of the best {kind} oscillator {simpler:.2g %}; on every test the error "
         "of the law must be below {limit:g} times that of the oscillator.",
         """
-        Check: the error of every test, compared with that of the best linear and (with `compare_with =
-        ["linear", "cubic"]`) cubic oscillator of the same tests; it must be less than 1.1 times
-        the oscillator's error.
+        Check: the error of every test, compared with that of the best linear and (with
+        `compare_with` = ["linear", "cubic"]) cubic oscillator of the same tests; it must be less
+        than 1.1 times the oscillator's error.
 
         If a simpler oscillator has a smaller error, the law of the joint explains nothing. A
         Bouc-Wen joint of negative delta mimics a cubic stiffness at the fitted amplitude, and

@@ -178,7 +178,7 @@ def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultTex
     """Return the message that the response is largest outside the band."""
     return FaultText(
         f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz, at "
-        f"{ratio:.3g} times its centre.",
+        f"{ratio:.3g} times the centre of the band.",
         "A factor of 6.28 suggests rad/s, 2 suggests half the sampling frequency, and 1.024 a "
         "rate of 1000 Hz that was rounded from 1024 Hz.",
         "Check fs and band.",
