@@ -2,17 +2,18 @@
 
 Files: .lvm, .txt
 Recognised by: the first line `LabVIEW Measurement`
-Names: the line that begins with `X_Value`
+Names: the titles in the line that begins with `X_Value`
 Units: `Y_Unit_Label`
-Rate: `Delta_X`, or the columns of times where `X_Columns` is `One` or `Multi`; where its digits
-    leave the rate uncertain by more than 1e-4, as 0.000977 for 1024 Hz, the provenance says so
+Rate: `Delta_X`, or the columns of times if `X_Columns` is `One` or `Multi`; if the digits of
+`Delta_X` leave the rate uncertain by more than 1e-4, as 0.000977 does for 1024 Hz, the provenance
+says so
 Start: `X0`
 Based on: the first sections of NI's page "Specification for the LabVIEW Measurement File (.lvm)";
-    lvm_read.py and the files short, with_comments, with_empty_fields, uneven_comments,
-    no_decimal_separator and long_single_header_multi_ch of ladisk/lvm_read, whose layout the reader
-    takes
-Untested: special blocks within the data, of which the page's section was not opened; commas as
-    separators
+lvm_read.py and the files short, with_comments, with_empty_fields, uneven_comments,
+no_decimal_separator and long_single_header_multi_ch of ladisk/lvm_read, which all have the layout
+that the reader expects
+Untested: special blocks within the data, whose section of that page was not read; commas as
+separators
 """
 
 from collections.abc import Sequence

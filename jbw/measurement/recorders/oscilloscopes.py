@@ -1,17 +1,18 @@
-"""Oscilloscopes of Tektronix and Rigol: text with facts beside the samples.
+"""Oscilloscopes of Tektronix and Rigol: text with settings and samples in the same lines.
 
 Files: .csv, .txt
-Recognised by: Tektronix: `Record Length` first, facts in the first columns and samples in the last
-two; Rigol: a first line of channels, `Start` and `Increment`, perhaps with `X` before them
+Recognised by: Tektronix: `Record Length` in the first line, settings in the first columns and
+samples in the last two; Rigol: a first line with the channels, `Start` and `Increment`, perhaps
+with `X` before them
 Names: Tektronix `Source`; Rigol the channels of the first line
 Units: Tektronix `Vertical Units`; Rigol the second line
 Rate: Tektronix `Sample Interval`, which must agree with the times; Rigol `Increment`
 Start: Tektronix the first time; Rigol `Start`
 Based on: Tektronix F0000CH1.CSV of chemdrv/python-for-pchem (TDS2001C) and of
-    MeesJanmaat/NSP2_Experiment (its last part), and "Reading oscilloscope data" of kevinpt/ripyl;
-    Rigol NewFile1.csv of Cbabe/Power_Electronics
+MeesJanmaat/NSP2_Experiment (its last part), and "Reading oscilloscope data" of kevinpt/ripyl; Rigol
+NewFile1.csv of Cbabe/Power_Electronics
 Untested: several Tektronix channels in one file; Rigol's older files, which begin with
-    `Time,X(CH1)`
+`Time,X(CH1)`
 """
 
 import math

@@ -1,8 +1,8 @@
 """Rattlesnake, a controller of vibration tests: NetCDF.
 
 Files: .nc, .nc4
-Recognised by: an array `time_data` of channels by samples, and a group `channels`
-Names: node and direction of each channel, behind its type
+Recognised by: an array `time_data` with a row per channel, and a group `channels`
+Names: the type of each channel, then its node and direction
 Units: `channels.unit`
 Rate: the attribute `sample_rate`
 Start: none

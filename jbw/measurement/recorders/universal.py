@@ -1,4 +1,4 @@
-"""Universal files, data set 58, of Testlab, Pulse, PSV, SO Analyzer, SignalCalc, DATS and others.
+"""Universal files (data set 58) of Testlab, Pulse, PSV, SO Analyzer, SignalCalc, DATS and others.
 
 Files: .uff, .unv
 Recognised by: the format itself; data set 151 names the program
