@@ -563,7 +563,7 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Dra
         unit, fs = _of_times(channel, looked)
         if traits.is_prescribed and np.any(np.diff(np.ravel(load(clock))) <= 0):
             return DraftedClock(True, ("time",), (), tuple(lines), ())  # A loop needs no clock.
-        if not unit:  # times without a unit only count samples
+        if not unit:  # times without a unit that only count samples
             return DraftedClock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
         if fs and not rates:
             lines.append(messages.mean_rate(toml(fs)))

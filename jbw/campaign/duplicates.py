@@ -18,8 +18,8 @@ from jbw.measurement.spans import LEAST, exclude_line, is_by_file, of_all, put_l
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.remedies import LEAVE_OUT_BY_NUMBER
 
-# Overlaps of two records above which they are doubtful or count as the same: with a fifth,
-# intervals are a tenth too narrow.
+# Shared fractions of two records above which the pair is doubtful, and above which it counts as the
+# same record. If a fifth is shared, intervals are a tenth too narrow.
 DOUBTED, MOST_SHARED = 0.2, 0.5
 FORCES = ("restoring_force", "force")
 

@@ -11,9 +11,11 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, whole_down
 
 ATTENUATION = 80.0  # dB, outside the band
-# number of samples divided by that of half a band: the band's filter is five times as long
+# largest ratio of a record's sampling rate to half the band's width; the filter is longer by a
+# factor of five
 MOST_TAPS = 2**24
-LEAST_PER_PERIOD = 11  # samples per period of the fastest motion in the band that a solver is given
+# smallest number of samples per period of the fastest motion in the band that a solver needs
+LEAST_PER_PERIOD = 11
 
 
 @dataclass(frozen=True)

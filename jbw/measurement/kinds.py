@@ -29,8 +29,8 @@ class Kind(NamedTuple):
     is_prescribed: bool = False
     # whether the record has one line per frequency instead of samples in time; lines may be masked
     is_curve: bool = False
-    # A controller holds each point of a steady motion, in any order; predicted is the force that
-    # this takes and, if the controller `is_locked` to a phase, the frequency as well.
+    # A controller holds each point of a steady motion, in any order. The model predicts the force
+    # that this takes and, if the controller `is_locked` to a phase, the frequency as well.
     is_controlled: bool = False
     is_locked: bool = False
     # roles that a test must have, if no property above determines them

@@ -62,7 +62,7 @@ def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
     It is a fit of harmonics over all cycles, so samples need not fall on the same phases in each
     one.
     """
-    # An `omega` of zero is rejected below.
+    # An `omega` of zero is rejected further below in this function.
     carried = int(0.9 * np.pi * fs / omega) if omega > 0 else 1
     tones = Tones(omega, max(1, min(MOST_HARMONICS, carried)))
     check_tones(tones, fs, x.shape[-1])

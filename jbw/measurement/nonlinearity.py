@@ -60,10 +60,10 @@ ABOVE_NOISE = 5.0  # standard deviations of a harmonic
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
 BY_CHANCE = 1e-3  # p-value below which repeats are reported to differ
 SHAPES = 3  # number of directions along which repeats differ other than by noise
-EXCITED = 0.05  # A line counts as excited above this fraction of the source's strongest line.
+EXCITED = 0.05  # number of directions along which repeats may differ by more than noise
 PERIODS = 10.0  # number of periods of the source in a window
 SPACING = 0.5  # distance of windows, divided by their length
-QUIET = 0.02  # Below this fraction of the largest amplitude, the source drives nothing.
+QUIET = 0.02  # Below this fraction of its largest amplitude, the source drives nothing.
 FEWEST = 4  # smallest number of windows in a sweep
 # largest residual of a sweep's source from one tone with harmonics, within a window
 MOST_STRAY = 0.1
@@ -196,7 +196,7 @@ def coherence_at_resonance(
     shape (repeat, time); `role` is the role of the response.
     """
     with warnings.catch_warnings():
-        # The warning concerns the window, which Step 2 (FRF fit) chooses.
+        # The warning concerns the window, which is chosen in Step 2 (FRF fit).
         warnings.simplefilter("ignore")
         estimate = frf(u, y, fs, response=role)
     power = np.abs(estimate.h) ** 2 * estimate.input_spectrum
@@ -275,8 +275,8 @@ def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:
     """Return the variance per sample of white noise of the median level in a response's band."""
     band = _band(mean)
     power = np.sum(np.abs(np.fft.rfft(deviations))[:, band] ** 2, axis=0) / (len(deviations) - 1)
-    # Wilson and Hilferty give the ratio of median to mean of a chi-square variable with 2 k degrees
-    # of freedom.
+    # The ratio of the median to the mean of a chi-square variable with 2 k degrees of freedom is
+    # that of Wilson and Hilferty.
     k = len(deviations) - 1
     return float(np.median(power) / deviations.shape[1] / (1 - 1 / (9 * k)) ** 3)
 
@@ -489,8 +489,8 @@ def _fitted(
     # Within a window, amplitudes may change as parabolas and there may be a drift.
     basis = np.column_stack([w * x**k for k in range(3) for w in waves] + [x**0, x])
     weight = np.cos(np.pi * x / 2)[:, None]
-    # Normal equations suffice: columns have similar size and are far from dependent; windows are
-    # many.
+    # The normal equations suffice, since the columns have similar sizes and are far from dependent.
+    # There are many windows.
     rows = weight * basis
     both = np.linalg.solve(rows.T @ rows, rows.T @ (weight * np.column_stack([u, y])))
     residual = y - basis @ both[:, 1]

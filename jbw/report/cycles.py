@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from jbw.results.run import StoredCycle, StoredLoop  # loads pydantic
 
 MOST_CYCLES = 12  # largest number of cycles of one test in a table
-ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))  # factor and unit in which an angle is shown
+# factor from radians to each unit of angle, and the name of the unit
+ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))
 
 
 def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:

@@ -22,7 +22,8 @@ from jbw.results.laws import StoredLaws
 
 LOOKS = [(colour, dashes) for dashes in ("-", "--", ":") for colour in LEVELS]
 RUN_ROW = 0.22  # height of the line of one session [in]
-MOST = 4  # number of laws drawn at once; the others are in a figure that opens on a click
+# number of laws that are drawn at once; a further figure, which opens on a click, shows the others
+MOST = 4
 LAW_ROW = 1.9  # height of a law's panels [in]
 ROUND = 0.35  # margin around the points and the best law, as a fraction of their range
 

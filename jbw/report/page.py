@@ -42,7 +42,7 @@ PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
 # Largest number of points of all charts together: 2 x 4 bytes each make 2.4 MB in base64, in
 # addition to 2.0 MB of compressed plotly.
 MOST_POINTS = 230_000
-LOOK = "look"  # the figure that is shown with the sentences on single records
+LOOK = "look"  # name of the figure that is shown together with the sentences on single records
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.report"),
     autoescape=True,

@@ -19,7 +19,7 @@ class StoredInterval(Stored):
 
 
 class StoredCoordinate(StoredRow):
-    """A quantity of a fleet's joints: mean, variation of units and of runs, and powers."""
+    """A quantity of a fleet's joints: mean, variation of units and runs, and trends."""
 
     unit: str = "1"
     symbol: str = ""

@@ -24,7 +24,7 @@ OF_LAYOUT = {
     "CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates",
     "_NCProperties", "_nc3_strict",
 }  # fmt: skip
-# errors whose own message already says what is wrong
+# errors whose own message already states the cause
 NO_DAMAGE = (OSError, ImportError, MemoryError)
 TEXT = h5py.string_dtype()
 BLOCK = 2**22  # the file in memory grows by this number of bytes at a time

@@ -58,7 +58,7 @@ from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
-NUM_DRAWS = 1000  # number of draws taken from each run; their pairs are a million
+NUM_DRAWS = 1000  # number of draws taken from each run, so that there are a million pairs
 NUM_CARRIED = 200  # number of draws of each run for which the backbone is computed
 # amplitudes of comparison, relative to the largest displacement that both runs fitted
 GRID = np.linspace(0.05, 1.0, 20)

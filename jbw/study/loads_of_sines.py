@@ -140,7 +140,8 @@ def notch_of(
             limit / seen.factor / omega ** derivative_order(seen.name), frequency.shape
         )
         ratio, share = held_ratio(member.motion, y, frequency), load.participation
-        # On a moving base, the base's acceleration is part of the response.
+        # On a moving base, the response contains the base's acceleration, so the search is
+        # repeated.
         for _ in range(MOST_ROUNDS if load.is_base else 0):
             before = y
             y = limit / seen.factor * abs(share) / np.abs(ratio + share * load.shape * frequency**2)

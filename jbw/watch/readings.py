@@ -38,7 +38,7 @@ WIDTH = np.sqrt(1.4)
 FEWEST = 64  # smallest number of samples in which other modes can be searched
 # largest allowed amplitude of other modes, relative to that of the monitored mode
 OTHER_MODES = 0.02
-# A chosen amplitude differs at least by this factor from the largest and smallest measured ones.
+# A chosen amplitude must differ by this factor from the largest and the smallest measured one.
 SPARE = 1.05
 PER_AMPLITUDE = 2  # number of values per amplitude: frequency and logarithm of the damping ratio
 RAISED = 1.1  # factor by which the torque is raised to compute the trend with torque

@@ -34,7 +34,8 @@ from jbw.watch.hotelling import (
 # values of x = ln(T'/T) at which densities are computed, up to four prior standard deviations
 PLACES = np.linspace(-4.0, 4.0, 8001)
 QUANTILES = (0.005, 0.5, 0.995)
-# If the change not explained by the best torque is less probable than this, no torque explains it.
+# If the change that the best torque leaves unexplained is less probable than this, no torque
+# explains it.
 UNEXPLAINED = 0.01
 LEVEL = 0.99  # probability of intervals
 

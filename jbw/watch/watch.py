@@ -104,7 +104,7 @@ def watch(
         keeper = _Keeper(path, settings, campaign_test, say, entries, trend)
         identities = {entry["id"] for entry in entries if entry["kind"] != "settings"}
         for identity, record in _identified(campaign_test.records):
-            # On the first call, or after a crash during it, these are all records.
+            # On the first call, or after a crash during that call, all records are new.
             if identity not in identities:
                 keeper.take(identity, record)
         added: list[Entry] = []

@@ -19,7 +19,8 @@ from jbw.report.messages import decay_faults as messages
 QUIET, LOUD = 0.1, 0.5
 FLAT = 0.05  # largest change of log |X| while a shaker drives the motion steadily
 FALLS = 0.3  # smallest change of log |X| in the following time, which is as long as the steady part
-# Smallest ratio of that change to the change in the steady part; at the top of a beat it is 8.
+# Smallest ratio of the change of log |X| after the steady part to that within it. At the top of a
+# beat this ratio is 8.
 TIMES_FLAT = 12.0
 FEWEST_VALUES = 16  # smallest number of independent envelope values
 
@@ -55,7 +56,8 @@ def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Recor
         return record
     first = whole_up((onset + 1 / course.centre_hz) * record.fs)
     after = np.abs(x[first : 2 * first - round(onset * record.fs)])
-    # Otherwise the maximum is a single bad sample, or a hard blow without free motion.
+    # If the motion falls below this limit within a period, its maximum is a single bad sample, or a
+    # hard blow without free motion.
     if not after.size or after.max() < QUIET * np.abs(x).max():
         return record
     begins = start_of(record)

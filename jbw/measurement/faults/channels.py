@@ -143,7 +143,7 @@ def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
     A constant force, such as that of a slider, is not a lost block.
     """
     x, fs = record.channels[role], record.fs
-    # first sample of each run, without the record's first run
+    # index at which each run of equal samples begins, except the first run of the record
     changes = np.flatnonzero(np.diff(x)) + 1
     starts, stops = changes, np.append(changes[1:], len(x))
     # By chance, n p^(length - 1) of n runs are as long, where p is the fraction of runs longer than

@@ -21,8 +21,8 @@ from jbw.report.messages import record_faults as messages
 EMPTY = 0.1  # Lines below this fraction of the drive's largest line count as not driven.
 FEWEST_EMPTY = 32  # smallest number of lines for a median
 HALF = 0.5  # Lines above this fraction of the largest power belong to the resonance.
-# If more than this fraction of the drive's difference appears in the response, the structure felt
-# it.
+# If more than this fraction of the difference between two drives appears in the response, the
+# structure responded to it.
 MEASURED = 0.5
 # largest difference of power between the drives of two repeats, relative to the drive's power
 ONE_DRIVE = 0.1

@@ -14,7 +14,7 @@ from jbw.report.messages import clock_faults as messages
 FALLS = 0.5  # A drive drops off if it falls to this fraction of its median.
 # noise relative to the smallest drive, above which damping has an error of some percent
 NOISY = 0.05
-# roughness relative to the median; it is 0.01 between times for a sweep and 0.5 for noise
+# limit of a drive's roughness, relative to its median, between a sweep (0.01) and noise (0.5)
 RANDOM = 0.3
 SMOOTHED = 0.02  # width of the smoothing window, as a fraction of the number of values
 

@@ -33,7 +33,7 @@ LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05
 LEAST_LOST = 1.6  # samples
 # tried times of a jump, as fractions of the record's accumulated amplitude
 PLACES = np.linspace(0.03, 0.97, 16)
-SCANNED = 12  # number of times scanned between two of these
+SCANNED = 12  # number of times that are scanned between two of the tried times
 # Below this fraction of the largest motion, the lag is determined without an effect of the joint.
 QUIET = 0.4
 # smallest number of values at such small motion, and the weight of all other values
@@ -76,7 +76,7 @@ class Delay(_Lag):
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether a lag exceeds 1 % of a period, is no sign error, and exists initially."""
+        """Return whether a lag is above 1 % of a period, no sign error, and present early on."""
         if not LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN:
             return False
         signal = fits.signal
@@ -166,7 +166,7 @@ class LostBlock(_Lag):
         times = np.interp(PLACES, share / share[-1], signal.time)
 
         def fitted(at: float, step: float) -> tuple[float, float, float]:
-            """Return residual sum of squares, time and size of the best jump at a given time."""
+            """Return residual sum of squares, time and fitted size of a jump at a given time."""
             found = joint_fit(fits, "linear", SweepCause(np.array([step]), _stepped(float(at))))
             return (found.squares, at, float(found.theta[count])) if found else (np.inf, at, step)
 

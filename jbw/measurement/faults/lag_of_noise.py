@@ -25,7 +25,9 @@ from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order
 from jbw.report.messages import clock_faults as messages
 
-AWAY = 0.08  # distance |1 - r^2| from the resonance beyond which only damping affects the phase
+# Lines with |1 - r^2| above this are used, r the frequency ratio: damping hardly shifts their
+# phase.
+AWAY = 0.08
 # The phase of a line is used if its power exceeds this fraction of the drive's median power.
 LOUD = 0.3
 FEWEST = 12  # smallest number of lines with a usable phase
@@ -71,7 +73,7 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
 def _away(
     omega: Reals, receptance: Complex[np.ndarray, " line"]
 ) -> tuple[Int[np.ndarray, " kept"], Reals, Reals] | None:
-    """Return lines away from the resonance, their phase and its slope with damping; or None."""
+    """Return lines off the resonance, their phase, and the slope of phase with damping; or None."""
     natural = float(omega[np.argmax(np.abs(omega * receptance))])
     r = omega / natural
     lines_away = np.flatnonzero(np.abs(1 - r**2) > AWAY)

@@ -1,4 +1,4 @@
-"""The faults of a force loop that explain what a fit by friction sliders and springs leaves.
+"""The faults of a force loop that explain the residual of a fit by friction sliders and springs.
 
 A cause is named if sliders leave more than 1 % of the rms of the force beyond noise, and the cause
 explains 85 % of its sum of squares. Effects that a campaign states, a drifting zero or a

@@ -20,7 +20,7 @@ from jbw.report.messages import loop_faults as messages
 
 LOPSIDED = 0.25  # difference of the peak forces in both directions, divided by their sum
 FREE = ("gap_series", "stop")  # laws with contacts
-POINTS = 40  # number of points on the mean of loading and unloading stroke
+POINTS = 40  # number of points of the mean of the loading and the unloading stroke
 END = POINTS // 8  # number of values at the end of a stroke from which its slope is determined
 # A stroke stiffens if the slope at its end exceeds its smallest slope by this factor.
 TWICE = 1.5

@@ -19,7 +19,7 @@ from jbw.report.messages import record_faults as messages
 LOOKED_AT = 2**21
 LONGEST = 4  # number of segments for the finest resolution of the resonance
 CLEAR = 4.0  # A peak in the band is a resonance if it exceeds the band's median by this factor.
-RESOLVED = 1.5  # number of window widths; a narrower peak shows the window itself, T 2 zeta f_n < 2
+RESOLVED = 1.5  # smallest width 2 zeta f_n of a resolved peak, in window widths 1 / T
 LOW_COHERENCE = 0.5  # smallest median coherence of the lines with response
 MASS_FACTOR = 3.0  # largest factor between estimated and stated modal mass; more means a wrong unit
 

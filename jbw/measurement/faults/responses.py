@@ -230,7 +230,7 @@ def _in_two_digits(band_hz: tuple[float, float]) -> tuple[float, float]:
 def band_about_peak(
     record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
 ) -> tuple[float, float]:
-    """Return the band [Hz] to propose for a record: that of `about_peak`, rounded to two digits."""
+    """Return a band [Hz] about a record's strongest line, as a proposal rounded to two digits."""
     return _in_two_digits(about_peak(record, settle, within=within))
 
 
@@ -274,7 +274,7 @@ def height_within(record: Record, band: tuple[float, float]) -> float:
 
 
 def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
-    """Return frequencies [Hz], spectral lines (all; only prominent), and the first reliable index.
+    """Return frequencies [Hz], all lines, only prominent lines, and the first reliable index.
 
     The first reliable line is above the lines of a drifting mean. A record of a few points, as read
     off a chart, may contain only two or three periods; a straight line is then subtracted instead,

@@ -8,8 +8,8 @@ import numpy as np
 
 from jbw.measurement.channels import OF_NORMAL, Reals
 
-# smallest number of changes of the value; by chance, all lie at multiples of some samples in 2^-24
-# of the cases
+# Smallest number of changes of the value. By chance, all of them lie at multiples of a number of
+# samples in 2^-24 of the cases.
 CHANGES = 24
 ORDER = 8  # number of samples from which the next one is predicted
 MANY = 2**16  # largest number of samples to which the prediction is fitted

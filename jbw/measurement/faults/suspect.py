@@ -1,4 +1,4 @@
-r"""Possible errors of measurement, each given by columns: how a unit of it changes the data.
+r"""Possible errors of measurement, each with columns: the change of the data per unit of error.
 
 A suspect is a possible error that changes the data by columns D near the fit, in addition to the
 parameters' own J. One Gauss-Newton step with D, and one without, show how much of the misfit it

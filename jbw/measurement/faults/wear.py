@@ -1,4 +1,4 @@
-"""A joint that wears along its path s: $F = F_0 + (w_1 s + w_2 s^2) F$, with the initial F_0."""
+"""A joint that wears along its path s: $F = F_0 + (w_1 s + w_2 s^2) F$, F_0 without wear."""
 
 from collections.abc import Iterator
 

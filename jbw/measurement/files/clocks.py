@@ -23,8 +23,8 @@ from jbw.units import factor_of
 REGULARITY = 1e-3  # largest deviation of a sample from the even grid, in sampling intervals
 # A record's rate is a round number if the record drifts from it by fewer intervals than this.
 ROUND = 1e-6
-# Largest quantum as a fraction of an interval; a larger one does not excuse uneven times. A lost
-# sample moves later times by half an interval from every line, which must stay visible.
+# Largest resolution of printed times, in sampling intervals, that may explain uneven times. A lost
+# sample shifts later times by half an interval from every straight line, and must not be hidden.
 COARSEST = 0.4
 DECIMALS = range(-3, 13)  # tried numbers of decimals of times, in their printed unit
 SIGNIFICANT = range(3, 10)  # tried numbers of significant digits of times
@@ -238,13 +238,14 @@ def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
 
 def _are_whole(values: Reals, quanta: Reals, error: float) -> bool:
     """Return whether values are multiples of their quanta, within their error."""
-    some = slice(None, None, 1 + len(values) // 1000)  # A few values reject most quanta quickly.
+    # A few values suffice to reject most resolutions quickly.
+    some = slice(None, None, 1 + len(values) // 1000)
     for part in (some, slice(None)):
         x, q = values[part], quanta[part]
         steps = np.divide(x, q, out=np.zeros(len(x)), where=q > 0)
         room = 1e-6 + np.divide(error, q, out=np.zeros(len(x)), where=q > 0)
         nearest = np.round(steps)
-        # Times that are all near zero compared with a quantum are no multiples of it.
+        # Times that are all near zero compared with a resolution are no multiples of it.
         if np.any(np.abs(steps - nearest) > np.minimum(room, 1e-3)) or not nearest.any():
             return False
     return True

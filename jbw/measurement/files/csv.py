@@ -85,7 +85,7 @@ class Dialect:
         return len(fields) if is_row else 0
 
     def digits(self, line: str) -> tuple[int, int, int]:
-        """Return a line's length without signs, its last number's fraction and exponent digits."""
+        """Return the length of a line, and the fraction and exponent digits of its last number."""
         last = (self.fields(line) or [""])[-1].lower()
         mantissa, _, exponent = last.partition("e")
         fraction = mantissa.partition(self.decimal)[2]

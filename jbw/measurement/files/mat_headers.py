@@ -168,7 +168,7 @@ def _matrix(content: memoryview, order: str) -> None:
     if len(flags) != 2:
         raise ValueError("a variable has no flags")
     of_class, is_complex = flags[0] & 0xFF, flags[0] >> 11 & 1
-    # There is no shape; the names of the object, its system and its class follow.
+    # Such an object has no shape; its name, its system and its class follow.
     if of_class == OPAQUE:
         for _ in range(3):
             walk.short("names", NAMES)

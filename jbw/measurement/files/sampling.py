@@ -178,7 +178,7 @@ def _agree_with_unused_time(
         try:
             seconds = load(item) * si_of("time", item.unit or "s")[0]
             steps = np.diff(seconds) * fs
-        except ConfigError:  # Times in an unknown unit prove nothing.
+        except ConfigError:  # Times in an unknown unit do not determine a rate.
             continue
         off = np.abs((seconds - seconds[0]) * fs - np.arange(len(seconds)))
         if len(steps) < 2 or not np.all(np.isfinite(steps)) or np.median(steps) <= 0:

@@ -45,7 +45,8 @@ FEWEST_POWERS = 14  # smallest number of values for a fit of a power of the ampl
 # fraction.
 WORTH_A_TERM = 0.9
 NO_MODEL = 1e3  # value of an invalid model, relative to the signal
-FADED = 2.4  # number of half converter steps below which a converter without dither shows nothing
+# number of half converter steps below which a signal without dither is not recorded at all
+FADED = 2.4
 QUIETEST = 0.3  # amplitude relative to the noise at which a decay ends
 LOUD = 4.0  # multiple of the noise's amplitude that noise alone exceeds in one of 10^7 values
 FEWEST_KEPT = 24
@@ -342,7 +343,7 @@ class _Flow(NamedTuple):
 def _flow(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, above: float = 0.0
 ) -> _Flow | None:
-    """Return the slow change of a decay for given powers of amplitude; None if invalid."""
+    """Return a decay's rates and times against log amplitude; None if the decay is invalid."""
     terms = basis.terms
     own, turned = slice(2, 2 + terms), slice(2 + terms, 2 + 2 * terms)
     low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)

@@ -32,7 +32,7 @@ Columns = Float[np.ndarray, "sample column"]
 
 
 class LoopBasis(NamedTuple):
-    """Forces of unit sliders and a dashpot, and of springs with constants, along a motion."""
+    """Forces per unit along a motion: of sliders and a dashpot, and of springs and a constant."""
 
     losses: Columns
     springs: Columns

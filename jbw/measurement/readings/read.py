@@ -60,7 +60,7 @@ def swept_signal(
 
 
 def sweep_fits(signal: SweepSignal) -> SweepFits | None:
-    """Fit one mode to a sweep; return None if it has too few or many values or stands still."""
+    """Fit one mode to a sweep; return None for too few or too many values, or without motion."""
     if not FEWEST < len(signal.time) < MOST_VALUES or np.any(signal.rate <= 0):
         return None
     return sweep.fit_bases(signal)
@@ -69,7 +69,7 @@ def sweep_fits(signal: SweepSignal) -> SweepFits | None:
 def swept_band(
     u: Reals, fs: float, band_hz: tuple[float, float] | None
 ) -> tuple[float, float] | None:
-    """Return the frequency range [Hz] that a drive sweeps inside a given band; None if none."""
+    """Return the frequencies [Hz] that a drive sweeps inside a given band; None without any."""
     freq = np.fft.rfftfreq(len(u), 1 / fs)
     power = np.abs(np.fft.rfft(u)) ** 2
     if not power.sum() > 0 or len(freq) < 8:

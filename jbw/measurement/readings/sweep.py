@@ -512,7 +512,7 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
 
 
 def _linear_start(signal: SweepSignal, top: int) -> tuple[ModeFit, float]:
-    """Fit a linear mode near the largest motion from several starts; return it and a rate [1/s]."""
+    """Fit a linear mode near the largest motion from many starts; return it and its rate [1/s]."""
     above = signal.amplitude > signal.amplitude[top] / np.sqrt(2)
     width = max(abs(float(np.ptp(signal.rate[above]))), 1e-6 * float(signal.rate[top]))
     at_top = signal.rate[top] - 2 * np.pi * signal.centre_hz

@@ -172,7 +172,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
         exponent = MeasuredChange(float(power.theta[-1]), sd)
     amplitude, gain = grid, np.nan
     if isinstance(fits, SweepFits):
-        # This converts the motion at resonance to the response at its own frequency.
+        # The amplitude of the motion at resonance is converted to that of the measured response.
         top = fits.signal.rate[fits.signal.top]
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
         if fits.signal.is_force:
@@ -282,7 +282,7 @@ def _matters(hz: MeasuredChange, zeta: MeasuredChange, damping: float) -> bool:
 
 
 def _chance_of_linear(fits: DecayFits | SweepFits, count: float) -> float:
-    """Return the probability that a linear mode shows such an effect of amplitude (Wald's test)."""
+    """Return the probability of the measured effect of amplitude in a linear mode (Wald's test)."""
     if "quadratic" not in fits.fits:
         return 1.0
     fit, first = fits.fits["quadratic"], fits.FIRST

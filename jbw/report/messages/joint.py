@@ -60,7 +60,7 @@ def _number(value: Any) -> str:
 
 
 def unloads_beyond(z: float) -> str:
-    """Return the message that unloading begins where the hysteretic force z grows [1]."""
+    """Return the clause on the |z| at which unloading starts, above alpha / (delta - gamma)."""
     return f"unloading starts at |z| = {z:g}, above alpha/(delta - gamma)"
 
 
