@@ -108,7 +108,7 @@ class AssembledStructure(FileTable):
     )
     input: Place = key(..., "place and direction of the source, node:direction", "5:z")
     points: Places = key(
-        ..., "names and places of the responses, weighted sums in SI", {"tip": "40:z"}
+        ..., "names and places of the responses; weighted sums are in SI", {"tip": "40:z"}
     )
     shapes: Literal["model", "uncertain"] = key(
         "model",
@@ -120,7 +120,7 @@ class AssembledStructure(FileTable):
 class JointTable(FileTable):
     """A [[joint]] table: one of several joints of a structure."""
 
-    name: values.Text = key(..., "its name", "bolt 1")
+    name: values.Text = key(..., "name of the joint", "bolt 1")
     across: Pair | None = key(
         None, "degrees of freedom on both sides; the joint moves by the second minus the first",
         ["17:x", "112:x"],
@@ -130,7 +130,7 @@ class JointTable(FileTable):
         {"17:rx": 0.0025, "112:rx": 0.0025},
     )  # fmt: skip
     shape: Motions | None = key(
-        None, "motion of the joint over that of the response in every mode, if modes are measured",
+        None, "motion of the joint in every measured mode, divided by that of the response",
         [1.0, -0.8],
     )  # fmt: skip
     stiffness: values.Positive | None = key(

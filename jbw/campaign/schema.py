@@ -55,7 +55,7 @@ class CampaignFile(FileTable):
     structure: Structured | AssembledStructure | None = key(
         None, "several modes that share the joint, or matrices of a model with joints"
     )
-    test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table a test")
+    test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table per test")
     identify: Identify = key(Identify, "tests to fit and to hold out, and how to sample")
 
 

@@ -95,7 +95,7 @@ class TestSpec(FileTable):
         "in MATLAB, [:] takes all, and 'a - b' is a difference",
     )
     units: values.Units = key(dict, "role = unit")
-    scale: values.Factors = key(dict, "role = calibration factor, before the unit")
+    scale: values.Factors = key(dict, "role = calibration factor, applied before the unit")
     sensitivity: values.Sensitivities = key(
         dict,
         "role = volts per unit of the sensor, for a channel that its file states in volts; "
@@ -154,7 +154,7 @@ class TestSpec(FileTable):
         80.0,
     )
     assembly: values.Text = key("", "name of the assembly of the joint", "first")
-    run: values.Text = key("", "which day or run", "monday")
+    run: values.Text = key("", "name of the day or run", "monday")
     repeats: Literal["files", "rows"] = key("files", "one repeat per file, or one per row")
     exclude: values.Excluded = key(
         (), "repeats to drop: numbers counted from zero, or file names", [2, "bad_*.h5"]

@@ -87,15 +87,15 @@ def identifiability(
     default="everyday",
     show_default=True,
     help="Programme of the measurement: three days with noise and differences between days, "
-    "or the paper's programme almost without them, with sweeps from weak to strong "
-    "hysteresis or at the paper's voltages.",
+    "or the paper's programme with almost no noise and no differences, with sweeps from weak "
+    "to strong hysteresis or at the paper's voltages.",
 )
 @click.option(
     "--paper",
     "preset",
     flag_value="laboratory",
-    help="The paper's programme, with its Steps 2 to 4 in addition to the joint posterior, as "
-    "--preset laboratory.",
+    help="Measure the paper's programme, and run its Steps 2 to 4 in addition to the joint "
+    "posterior; the same as --preset laboratory.",
 )
 @figures_option
 @strict_option

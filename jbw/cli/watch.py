@@ -37,7 +37,8 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     "amplitudes",
     callback=_amplitudes,
     metavar="A1[,A2]",
-    help="Peak amplitudes of the response to read at, in SI; by default the lowest common one.",
+    help="Peak amplitudes of the response at which frequency and damping are measured, in SI; by "
+    "default the lowest common one.",
 )
 @click.option(
     "--false-alarms", type=float, help="Rate of false alarms per record; by default 0.001."

@@ -177,7 +177,7 @@ class CycleReading(NamedTuple):
         stiffness: Secant stiffness k between the turning points [N/m].
         work: Work W that the cycle dissipates [J].
         damping: Equivalent damping ratio zeta_eq [-].
-        retained: Stiffness over that of the first cycle of equal amplitude [-].
+        retained: Stiffness, divided by that of the first cycle of equal amplitude [-].
         repeated: Whether another cycle has the same amplitude.
     """
 

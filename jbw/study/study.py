@@ -140,8 +140,8 @@ class Study:
     def predictions(self) -> "DataFrame":
         """Return the error and coverage of the prediction of each test, as a data frame.
 
-        Columns: `kind`, `level`, `level_unit`, `fitted` (False: held out), `nrmse` (error over the
-        rms of the record), `nrmse_own_frequency` (the same with a separate natural frequency for
+        Columns: `kind`, `level`, `level_unit`, `fitted` (False: held out), `nrmse` (error / rms
+        of the record), `nrmse_own_frequency` (the same with a separate natural frequency for
         each free decay), `coverage` and `half_width` of the 99 % band, `nrmse_linear` and
         `nrmse_cubic` (the best oscillator without a joint), and `extrapolation`, as far as a test
         has them.

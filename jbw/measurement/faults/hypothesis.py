@@ -106,7 +106,7 @@ class LeftOver(NamedTuple):
         rms: Weighted root mean square; 1 for noise alone.
         line: Largest line of the spectrum over the local median.
         line_size: Amplitude of that line over the largest response.
-        share: Rms of the residual over the rms of the response.
+        share: Rms of the residual, divided by the rms of the response.
     """
 
     rms: float

@@ -188,7 +188,7 @@ class SweepColumns(NamedTuple):
         columns: Response of the mode to the drive, of modes outside the band (two columns), and
             to an initial state.
         slopes: Derivatives of the first and last column, in pairs for each parameter.
-        motion: Amplitude of the motion over that of the response, from the model.
+        motion: Amplitude of the motion, divided by that of the response, from the model.
     """
 
     columns: Columns

@@ -74,7 +74,7 @@ class ModeReading:
         hz_change: Relative change of the frequency.
         zeta_change: Change of the damping ratio.
         exponent: Power of the amplitude, with standard deviation; NaN for a linear record.
-        residual: Root mean square of the residual, over that of the response.
+        residual: Root mean square of the residual, divided by that of the response.
         linear_residual: The same ratio for a linear mode.
         noise: Amplitude of the noise in the band, in the unit of the response.
         gain: Gain of the mode per unit of the drive, real for a force; NaN for a decay.

@@ -147,8 +147,7 @@ COLUMNS: Mapping[str, str] = {
     "relative": "standard deviation over value, from the fit",
     "ratio": "posterior standard deviation / that of the prior, from the fit",
     "contraction": (
-        "1 minus the posterior variance over the prior variance, in logarithms of positive "
-        "parameters"
+        "1 minus posterior variance / prior variance, in logarithms of positive parameters"
     ),
     "shift": (
         "largest move of the mean when a tenth of the prior's range is cut off, in posterior "
@@ -161,7 +160,7 @@ COLUMNS: Mapping[str, str] = {
 """Variables of the group `identifiability` of posterior.nc."""
 
 CONTRACTION = (
-    "1 minus the posterior variance over the prior variance, in logarithms of positive "
+    "1 minus posterior variance / prior variance, in logarithms of positive "
     "parameters; 100 %: identified by the data, 0 %: unchanged from the prior"
 )
 FOLLOWS = (

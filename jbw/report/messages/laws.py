@@ -248,6 +248,6 @@ LABELS = {
     "place": "position in the record (0: start, 1: end)",
     "error": "error of each session, predicted from the others",
     "bar": "; bar: error of a linear oscillator that is fitted to the session",
-    "error_axis": "RMS error over the rms of the record [%]",
+    "error_axis": "RMS error / rms of the record [%]",
 }
 """Labels of the figure of laws next to each other."""

@@ -71,7 +71,7 @@ def units_of_random(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
         "rms": {**response, "long_name": f"rms {name}"},
         "displacement": {**METRE, "long_name": "rms displacement"},
         "largest_displacement": {**METRE, "long_name": "largest displacement"},
-        "peak_factor": {**NUMBER, "long_name": "largest displacement over its rms"},
+        "peak_factor": {**NUMBER, "long_name": "largest displacement / its rms"},
         "frequency": {**HERTZ, "long_name": "rate of upward crossings of zero"},
         "damping": {**NUMBER, "long_name": "equivalent damping ratio"},
         "psd": {"units": f"({unit})^2/Hz", "long_name": f"spectral density of the {name}"},
