@@ -9,7 +9,7 @@ LESS_SECANT = "restoring force minus its secant line [N/kg]"
 LINEAR_RESIDUAL = "residual of a linear oscillator"
 PHASE_LESS_MEDIAN = "arg H₃ minus its median [°]"
 
-DIRECTIONS = "Directions of the parameters from the fit, best determined first"
+DIRECTIONS = "Directions from the fit, best determined first"
 BEFORE_SAMPLING = "from the fit, before sampling"
 OVER_PRIOR = "standard deviation / that of the prior [-]"
 
