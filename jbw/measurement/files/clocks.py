@@ -238,7 +238,7 @@ def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
 
 def _are_whole(values: Reals, quanta: Reals, error: float) -> bool:
     """Return whether values are multiples of their quanta, within their error."""
-    # A few values suffice to reject most resolutions quickly.
+    # Some of the values suffice to reject most of the tried resolutions quickly.
     some = slice(None, None, 1 + len(values) // 1000)
     for part in (some, slice(None)):
         x, q = values[part], quanta[part]

@@ -108,7 +108,7 @@ def _item(
     """Apply the first index to a struct or to cells; `[:]` visits all cells in order."""
     step, *others = indices
     if isinstance(node, Mapping):
-        if step in (0, None):  # A struct array of length one is a struct.
+        if step in (0, None):  # A struct array of length one is treated as a struct.
             return _walk(node, others, rest)
         raise DataError(f"asks for item [{step}], counted from zero, but there is one item.")
     if step is not None:

@@ -29,7 +29,7 @@ class Leaf:
     # numpy array, or an object of the file such as an h5py dataset, with shape and dtype
     array: Any
     axes: tuple[int, ...]  # stored axes that have no index yet, in the user's order
-    # fixed index along each other stored axis
+    # index at which each other stored axis is fixed
     fixed: Mapping[int, int] = field(default_factory=dict)
     fs: float | None = None  # sampling frequency that the file states for the array [Hz], if any
     unit: str = ""  # unit that the file states for the array, if any

@@ -101,7 +101,7 @@ CARRIED = "A run that is updated by new records"
 
 def heading(num_records: int, num_reference: int) -> str:
     """Return the heading of the page on monitored records."""
-    return f"{num_records} records by jbw; the first {num_reference} are the reference."
+    return f"{num_records} records, monitored by jbw; the first {num_reference} are the reference."
 
 
 def table_title(amplitude: str, false_alarms: float) -> str:
