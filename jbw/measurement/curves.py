@@ -77,7 +77,7 @@ def controlled_curve(record: Record, locked_phase: float = float("nan")) -> Cont
     amplitude = np.abs(channels[record.response]) / (2 * np.pi * freq_hz) ** order
     phase = None
     if "phase" in channels:
-        # A negative amplitude is a phase shift of half a cycle.
+        # A negative amplitude means a phase shift of half a cycle.
         turned = np.where(channels[record.response] < 0, np.pi, 0.0) - 0.5 * np.pi * order
         phase = np.angle(np.exp(1j * (channels["phase"] + turned)))
     elif np.isfinite(locked_phase):

@@ -27,7 +27,7 @@ OF_LAYOUT = {
 # errors whose own message already states the cause
 NO_DAMAGE = (OSError, ImportError, MemoryError)
 TEXT = h5py.string_dtype()
-BLOCK = 2**22  # the file in memory grows by this number of bytes at a time
+BLOCK = 2**22  # number of bytes by which the file in memory grows at a time
 
 Scales = ChainMap[str, h5py.Dataset]  # dimension scales by name; those of outer groups come last
 

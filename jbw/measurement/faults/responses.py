@@ -36,7 +36,8 @@ NO_LEVEL = ("frequency", "phase", "time")
 # Lines within this fraction of the strongest line's frequency, to either side, belong to it.
 ABOUT = 0.2
 WIDEST = 0.5  # largest half width of a band, relative to the frequency of its line
-# smallest height of another line relative to the strongest; number of lower lines on either side
+# smallest height of another line relative to the strongest, and the number of lower lines on either
+# side that make it a peak
 OTHER, PEAK_LINES = 3e-3, 2
 ELSEWHERE = 0.1  # fraction of a displacement's power in excess of that of a single oscillator
 # A line stands out if it exceeds the median around it by this factor; the largest of 1000 lines of
