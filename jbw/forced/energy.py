@@ -25,7 +25,7 @@ PHASES = 24  # number of nodes per quarter of a cycle
 
 
 class Cycles(NamedTuple):
-    """Free vibration at each amplitude without losses, of shape (draw, amplitude).
+    """Free vibration without losses at each amplitude, of shape (draw, amplitude).
 
     Attributes:
         energy: E per unit mass [m^2/s^2].

@@ -18,11 +18,12 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 
 STARTS = 8
-FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative errors that replace those of a curve
+# relative errors of frequency and damping, in place of those that a curve states
+FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03
 
 
 class WhiteRows(NamedTuple):
-    """Stiffness and loss against amplitude, with the matrix that normalises their errors.
+    """Stiffness and loss at each amplitude, with the matrix that normalises their errors.
 
     Attributes:
         y: Amplitudes [m].
@@ -38,7 +39,7 @@ class WhiteRows(NamedTuple):
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
-    """Return stiffness and loss of a curve, with errors of 2e-4 and 3 % of the largest loss."""
+    """Return a curve's stiffness and loss; their errors are 2e-4, and 3 % of the largest loss."""
     square = curve.omega**2
     unit = float(np.mean(square))
     stiffness, loss = square / unit, 2 * curve.zeta * square / unit
@@ -69,7 +70,7 @@ class CurveMisfit(eqx.Module):
 
 
 def fit_curve(key: Key[Array, ""], laws: tuple[str, ...], prior: Box, rows: WhiteRows) -> Fit:
-    """Fit laws to stiffness and loss against amplitude, from starts all over the prior.
+    """Fit laws to stiffness and loss against amplitude, from starts over the whole prior.
 
     Raises:
         ModelError: None of the starts has a steady loop.

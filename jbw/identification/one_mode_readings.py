@@ -37,20 +37,21 @@ from jbw.report.messages import joint as messages
 
 LAW = BoucWenLaw.name
 HALF = 0.5  # starting value of a law's stiffness, relative to that of the fully stuck joint
-WEAK = 0.3  # slip above which modes do not determine sums over joints, so that nothing is tested
+# Above this slip, single modes do not determine sums over the joints, and nothing is tested.
+WEAK = 0.3
 
 under_way = logging.getLogger("jbw.progress")
 
 
 class Readings(NamedTuple):
-    """Starting values of several joints' laws, and sentences on whether they explain the modes."""
+    """Starting values of all joints' laws, and sentences on whether joints explain the modes."""
 
     known: dict[str, float]
     statements: tuple[str, ...]
 
 
 class _Reading(NamedTuple):
-    """The softening s and the loss o that one mode determines, with standard errors and slip."""
+    """The softening s and the opening o that one mode determines, with standard errors and slip."""
 
     value: Float[np.ndarray, " product"]
     std: Float[np.ndarray, " product"]
@@ -61,7 +62,7 @@ NOTHING = Readings({}, ())
 
 
 def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
-    """Return starting values of all joints, from the weakest sweep through each single mode.
+    """Return starting values of all joints, from the weakest sweep that drives each mode alone.
 
     Empty for a single joint, for laws other than Bouc-Wen's, or if sweeps pass through fewer single
     modes than there are laws.
@@ -79,7 +80,7 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 read[i] = _reading(jax.random.fold_in(key, i), i, test, seen, modes)
-        except JbwError:  # Modes that cannot be fitted alone are left out.
+        except JbwError:  # Omit modes that cannot be fitted alone.
             continue
     if len(read) < len(seen.laws):
         return NOTHING
@@ -99,7 +100,7 @@ def with_readings(ready: Fitted, readings: Readings) -> Fitted:
 
 
 def _weakest(modes: Modes, tests: Sequence[Test]) -> dict[int, Test]:
-    """Return, by mode, the weakest sweep at the first point that passes only this mode."""
+    """Return, for each mode, the weakest sweep at the first point that drives only this mode."""
     shares, weakest = np.abs(gain_shares(modes)), {}
     for test in sorted(tests, key=lambda test: float(np.mean(_source(test) ** 2))):
         passed = [i for i, window in enumerate(modes.windows_hz) if passes(test, window)]
@@ -115,7 +116,7 @@ def _source(test: Test) -> np.ndarray:
 
 
 def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: Modes) -> _Reading:
-    """Fit one law to a sweep through a mode; return s = alpha delta |c| and o = alpha gamma |c|."""
+    """Fit one law to a sweep through a mode; return alpha delta |c| and alpha gamma |c|."""
     numbers = dict(modes.numbers)
     c = numbers[seen_name(mode + 1)]
     gain = None if drive_of(test) in FED else numbers[numbered(PUSH, mode + 1)] * c
@@ -133,13 +134,13 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
 
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the softening alpha delta and the loss alpha gamma at small motion of a mode."""
+    """Return the products of small motion: softening alpha delta, loss alpha gamma."""
     s, o = BoucWenLaw.of(theta).weak_motion()
     return {"s": jnp.asarray(s), "o": jnp.asarray(o)}
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
-    """Return starting values of all joints' laws, each with half the stuck joint's stiffness."""
+    """Return starting values of all joints' laws, each with half of its fully stuck stiffness."""
     numbers, first = dict(modes.numbers), {}
     for k, name in enumerate(laws):
         joints = split(name)[1]

@@ -24,12 +24,12 @@ from jbw.oscillator.laws import law_named
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import laws as messages
 
-# An earlier proposal is preferred if its error is at most this multiple of the least error.
+# An earlier proposal is preferred if its error is at most this multiple of the smallest error.
 AS_GOOD = 1.05
 
 
 def candidates(read: Sequence[str]) -> tuple[str, ...]:
-    """Return the laws to fit, in this order, given those that frequency and damping suggest.
+    """Return the laws to fit, in order, after those that frequency and damping suggest.
 
     The proposals and the default law come first, those with the fewest parameters before the
     others. Other laws with a force of the same kind follow, because a measured exponent may exclude
@@ -45,7 +45,7 @@ def candidates(read: Sequence[str]) -> tuple[str, ...]:
 
 
 class ChosenLaw(NamedTuple):
-    """The tests under the chosen law, its fit (empty if none was made), and a sentence on it."""
+    """The tests with the chosen law, its fit if one was made, and a sentence on the choice."""
 
     measured: Measured
     theta: dict[str, float]
@@ -53,7 +53,7 @@ class ChosenLaw(NamedTuple):
 
 
 def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> ChosenLaw:
-    """Fit laws in turn until one leaves white residuals; choose it, or the one that fits best.
+    """Fit laws in turn until one leaves white residuals; choose this law, or else the best fit.
 
     If no fit from one start leaves white residuals, each law gets all starts.
 
@@ -71,7 +71,7 @@ def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> Ch
         tried = assemble(replace(seen, laws=(law,)))
         try:
             _, best, data = first_fit(jax.random.key(seed), tried, seen.settings, alone=alone)
-        except JbwError:  # the law cannot be solved for these tests
+        except JbwError:  # The law cannot be solved for these tests.
             continue
         fits[law] = best.theta
         errors[law], is_white = remains_of(best, data)

@@ -32,7 +32,7 @@ class UsableTests(NamedTuple):
 def usable(
     tests: Sequence[Test], settings: Identify, gain: Gain = None, *, several_modes: bool = False
 ) -> UsableTests:
-    """Return the tests that can be fitted, and sentences on the others.
+    """Return the tests that can be fitted, and sentences on the tests that cannot.
 
     If the settings are `strict`, or no test can be used, all tests are returned, so that the error
     that follows gives the reason. With several modes at the joint there is no Step 2.
@@ -58,12 +58,12 @@ def usable(
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
-    """Return the test for Step 2 among those that are not rejected."""
+    """Return the test for the line fit (Step 2) among those that are not rejected."""
     return linear_test([test for test in tests if test.name not in refused])
 
 
 def _refusal(test: Test, settings: Identify) -> str:
-    """Return the reason why a test cannot be fitted; empty if it can."""
+    """Return the reason why a test cannot be fitted; an empty text if it can."""
     try:
         if test.traits.is_free:
             split = decay_tests([test], settings)

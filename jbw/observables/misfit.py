@@ -22,7 +22,7 @@ from jbw.observables.groups import Covariance, Groups, Rows
 
 
 class GroupResidual(NamedTuple):
-    """Mean squares of noise and misfit in a data group's residual, and whether misfit counts."""
+    """The mean squares of noise and model error in a residual, and whether the latter matters."""
 
     noise: float
     misfit: float
@@ -30,7 +30,7 @@ class GroupResidual(NamedTuple):
 
 
 def group_residuals(groups: Groups, residuals: Rows) -> list[GroupResidual]:
-    """Return the noise and misfit of each data group, with noise from repeats if there are any."""
+    """Divide each data group's residual into noise (from repeats, if any) and model error."""
     misfits, arrays = [], (groups.num_repeats, groups.size, groups.within)
     numbers = zip(groups.labels, *(np.asarray(x, float).tolist() for x in arrays), strict=True)
     for label, count, size, within in numbers:
@@ -48,7 +48,7 @@ def group_residuals(groups: Groups, residuals: Rows) -> list[GroupResidual]:
 def shared_misfit(
     groups: Groups, sizes: Float[np.ndarray, " group"], residuals: Rows
 ) -> Float[np.ndarray, " group"]:
-    r"""Return the mean-square misfit that the law is expected to have in each data group.
+    r"""Return the mean-square model error expected of each data group.
 
     $$\tau_g^2 = \rho^2\,\frac{|\bar d_g|^2}{N_g}, \qquad
       \rho^2 = \frac1G \sum_g \frac{|r_g|^2 - N_g \sigma_g^2 / K_g}{|\bar d_g|^2}$$
@@ -66,7 +66,7 @@ def shared_misfit(
 def independent_fractions(
     groups: Groups, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
 ) -> dict[str, float]:
-    r"""Return the fraction of independent values of each data group that the law fits badly.
+    r"""Return the fraction of independent values of each data group that has a model error.
 
     $$f = \frac{(a + b)^2}{a^2 + 2ab + b^2 / w}\,\frac{m^2 + \sigma^2 + \tau^2}{a + b}, \qquad
       a = \sigma^2, \quad b = K \tau^2$$

@@ -8,7 +8,7 @@ from jbw.report.result import require_finite
 from jbw.run.netcdf import read_tree
 from jbw.verification.predictive_basis import Basis, basis_of
 
-# relative difference up to which two torques count as equal: they are stated with three digits
+# relative difference up to which two torques count as equal, because three digits are stated
 SAME_TORQUE = 1e-3
 
 
@@ -18,7 +18,7 @@ def holds_population(folder: Path) -> bool:
 
 
 def basis_of_population(folder: Path) -> Basis:
-    """Return the draws and settings that predict new units of the population in a folder.
+    """Return the inputs of predictions of new units, from the population in a folder.
 
     Raises:
         DataError: The folder contains no complete population.
@@ -35,7 +35,7 @@ def basis_of_population(folder: Path) -> Basis:
 
 
 def require_same_torque(folder: Path, torque: float | None) -> float | None:
-    """Return a population's torque [N m]; raise an error if the tests have another torque.
+    """Return the torque [N m] of a stored population; raise an error if the tests have another.
 
     The result is None where the folder contains no population, or one without a torque.
     """

@@ -23,13 +23,13 @@ class PreparedTests(NamedTuple):
             model.
         look: Readings of the records without a model.
         sentences: Sentences on tests that cannot be used, and on the choice of the law.
-        known: Parameters of the fit by which the law was chosen.
+        start: Parameters of the fit by which the law was chosen.
     """
 
     measured: Measured
     look: Look
     sentences: tuple[str, ...]
-    known: Mapping[str, float] = MappingProxyType({})
+    start: Mapping[str, float] = MappingProxyType({})
 
 
 def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:

@@ -12,13 +12,13 @@ from jbw.identification.step import Step
 from jbw.report.messages import paper_steps as messages
 
 CUT = {"third_order_nuts": ("zeta", "alpha", "delta"), "opening_nuts": ("gamma",)}
-FAR = 10.0  # A difference of more standard deviations is not stated by its size.
+FAR = 10.0  # The size of a difference is not stated if it exceeds this many standard deviations.
 PRODUCTS = {"alpha_delta": "delta", "alpha_gamma": "gamma"}
 Moments = dict[str, tuple[float, float]]
 
 
 def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[str, Any]:
-    """Compare all parameters from the steps of Teloli et al. and from the joint posterior.
+    """Compare all parameters between the steps of Teloli et al. and the joint posterior.
 
     The result contains the mean and sd by either route; `sd_ratio`, the joint posterior's sd over
     the cut's; `difference`, cut minus joint in sds of the joint; statements and wall times. It is
@@ -54,7 +54,8 @@ def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
         if name not in steps:
             continue
         draws = _moments(steps[name].posterior["posterior"].to_dataset(), steps[name].held)
-        # A step's parameter also determines its product with alpha, which the step fixes or draws.
+        # A step that determines a parameter also determines its product with alpha, which the step
+        # fixes or draws.
         names = {*names, *(p for p, factor in PRODUCTS.items() if factor in names)}
         moments |= {parameter: draws[parameter] for parameter in draws if parameter in names}
     return moments

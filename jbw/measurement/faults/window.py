@@ -30,8 +30,9 @@ SCATTERED = 0.67  # largest ratio of the lower quartile of the noise's lines to 
 ALIKE = 1e-3  # smallest p-value of the variation between groups and over time
 # Noise that decays faster than this multiple of the mode's power belongs to the mode.
 OF_MODE = 0.95
-# smallest rms of noise in converter steps; with less noise, samples show only the steps
-CONVERTED = 0.35
+# Smallest rms of noise in converter steps. With less noise, the rounding error changes with the
+# motion; noise of half a step before rounding has 0.58 steps after it, whatever the motion.
+CONVERTED = 0.55
 
 
 class Window(Hypothesis):
@@ -47,7 +48,7 @@ class Window(Hypothesis):
         outside = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
         rate = float(fits.fits["linear"].theta[2]) * fits.scale
         x = record.channels[record.response][round((facts.settle_s + signal.begins) * record.fs) :]
-        window = window_constant(x, record.fs, outside, rate, signal.quantum)
+        window = window_constant(x, record.fs, outside, rate, signal.quantum * signal.unit)
         if window is not None:
             yield doubt(record.response, *messages.windowed(*window))
 

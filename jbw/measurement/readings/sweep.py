@@ -474,7 +474,7 @@ class SweepFits(NamedTuple):
     KIND = "sweep"
     FIRST = 0
     SECOND_ORDER = 0.05  # The amplitude grows faster in a sweep.
-    FLOOR = 0.015
+    FLOOR = 0.01
 
 
 def fit_bases(signal: SweepSignal) -> SweepFits:
