@@ -125,7 +125,7 @@ def least_squares(count: int) -> str:
 
 def line_fit(test: str) -> str:
     """Return the progress message for the FRF fit to a test, Step 2 of Teloli et al."""
-    return f"Step 2: oscillator fitted to test {test}"
+    return f"Step 2: oscillator fitted to test `{test}`"
 
 
 def fitting_as(law: str) -> str:
