@@ -29,8 +29,9 @@ LINE = re.compile(r"`((\w+) = [^`]+)`(?: and `([^`]+)`)?")
 # Keys that only affect the examination and leave the samples unchanged.
 STATED = {"settle", "band", "delay", "load_cell", "periods"}
 OR = ", or "  # text that separates the alternatives of a remedy
-# Largest relative difference of two modes' damping, or difference of their frequencies / half-power
-# width. Correct remedies of simulated faults give less than 0.13, wrong remedies 0.18 or more.
+# Two modes are equal if their relative difference in damping, and their difference in frequency
+# divided by the half-power width, are below this. Correct remedies of simulated faults give less
+# than 0.13, wrong remedies 0.18 or more.
 ALIKE = 0.15
 
 Look = Callable[[Record, TestSpec], Sequence[Fault]]
@@ -83,7 +84,7 @@ def _cures(
     *,
     further: bool = True,
 ) -> bool:
-    """Return whether a remedy's first line removes a finding without causing another one.
+    """Return whether the first line of a remedy removes a finding without causing another one.
 
     With `further`, a new fault is accepted if its own line cures it.
     """
@@ -161,7 +162,7 @@ def _scaled(record: Record, factors: Mapping[str, float]) -> Record:
     return replace(record, channels=channels)
 
 
-# Change that each key of a campaign file causes in a record that was read without the key.
+# the change of a record that each key of a campaign file causes
 CHANGES: Mapping[str, Change] = {
     "span": _cut,
     "window_s": _without_window,

@@ -37,7 +37,8 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     "amplitudes",
     callback=_amplitudes,
     metavar="A1[,A2]",
-    help="Peak amplitudes of the response to read at, in SI; by default the lowest common one.",
+    help="Peak amplitudes of the response at which frequency and damping are measured, in SI; by "
+    "default the lowest common one.",
 )
 @click.option(
     "--false-alarms", type=float, help="Rate of false alarms per record; by default 0.001."
@@ -98,7 +99,7 @@ def watch(
         if several and watched.settings["reference"] < FEW:
             say(messages.several_amplitudes(FEW))
     stated = [reading for reading in watched.added if "statement" in reading]
-    # The last alarm is shown, or without an alarm the statement on the last record.
+    # The last alarm is shown; without an alarm, the statement on the last record.
     last = ([reading for reading in stated if reading["alarm"]] or stated)[-1:]
     shown = watched.added or watched.readings
     record = {"settings": watched.settings, "added": watched.added, "count": len(watched.readings)}

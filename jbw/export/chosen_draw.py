@@ -15,15 +15,15 @@ from jbw.verification.bands import band, within
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-# number of most probable draws among which one with its backbone inside the bands is searched
+# The backbone is checked for this many of the most probable draws.
 NUM_TRIED = 64
-ROUNDING = 1e-12  # relative tolerance for a band of zero width
+ROUNDING = 1e-12  # relative tolerance for bands of zero width
 
 Bands = Mapping[str, NDArray[np.float64]]
 
 
 class ProductDraws(NamedTuple):
-    """The values of a product of parameters, which weak motion determines, at every draw.
+    """A product of parameters that tests with weak motion determine, with its values at all draws.
 
     Attributes:
         name: Name of the product, such as `alpha_delta`.
@@ -37,7 +37,7 @@ class ProductDraws(NamedTuple):
 
 
 def products_of(draws: Draws, laws: Laws) -> list[ProductDraws]:
-    """Return the products of the parameters of all laws, at every draw."""
+    """Return the products of parameters defined by all laws, evaluated at every draw."""
     products = (product for law in laws_named(laws) for product in law.products)
     return [
         ProductDraws(product.name, product.quantity.unit, np.asarray(product.of(draws)))
@@ -46,7 +46,7 @@ def products_of(draws: Draws, laws: Laws) -> list[ProductDraws]:
 
 
 def density_of(tree: xr.DataTree) -> NDArray[np.float64]:
-    """Return the log density of every draw of the main posterior [nats], chain after chain.
+    """Return the log density of every draw of the main posterior [nats], one chain after another.
 
     Raises:
         DataError: The run stored no density.
@@ -95,7 +95,7 @@ def best_draw(
 def backbone_within(
     draws: Draws, amplitude: Float[np.ndarray, " amplitude"], bands: Bands, laws: Laws
 ) -> NDArray[np.bool_]:
-    """Return for each draw whether its backbone is within the bands at every amplitude."""
+    """Return for each draw whether its backbone lies inside the bands at every amplitude."""
     frequency, damping, _ = carry(curves, draws, amplitude, laws)
     inside = np.ones(count_of(draws), bool)
     for values, edges in ((frequency, bands["frequency"]), (damping, bands["damping"])):

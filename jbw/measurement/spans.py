@@ -1,4 +1,4 @@
-"""Campaign lines that exclude bad parts of records, by a span or by the names of the files."""
+"""Campaign lines that exclude bad parts of records, by a span of time or by file names."""
 
 import json
 import re
@@ -21,12 +21,12 @@ SPAN = "span"  # key of a record's provenance
 
 
 def span_words(span: tuple[float, float]) -> str:
-    """Return a span as text in the form used by the provenance."""
+    """Return a span as text in the form that the provenance uses."""
     return f"{span[0]:.9g}-{span[1]:.9g} s"
 
 
 def start_of(record: Record) -> float:
-    """Return the time in its file at which a record begins, from the span that was read [s]."""
+    """Return the time within its file at which a record begins, from the span that was read [s]."""
     stated = re.match(r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)-", record.provenance.get(SPAN, ""))
     return float(stated[1]) if stated else 0.0
 
@@ -37,18 +37,18 @@ def span_line(start: float, stop: float, begins: float = 0.0) -> str:
     Times count from the record's first sample, which is at `begins` in the file; all in seconds.
     """
     unit = 10.0 ** (np.floor(np.log10(stop - start)) + 1 - DIGITS)
-    # Round-off must not move a time that is already whole.
+    # Round-off must not change a time that is already whole.
     first = np.ceil((begins + start) / unit - 1e-6) * unit
     last = np.floor((begins + stop) / unit + 1e-6) * unit
     return f"{remedies.PUT} {remedies.span(_written(first), _written(last))}"
 
 
 def _written(seconds: float) -> float:
-    return abs(float(f"{seconds:.9g}"))  # `abs` also removes the sign of -0.0
+    return abs(float(f"{seconds:.9g}"))  # `abs` also removes the sign of -0.0.
 
 
 def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
-    """Return the samples in a span, for (uneven) times counted from the first sample [s]."""
+    """Return the samples in a span, for uneven times that count from the first sample [s]."""
     half = 0.5 * float(np.nanmedian(np.diff(time))) if len(time) > 1 else 0.0
     since = time - time[0]
     after = np.flatnonzero(since >= span[0] - half)
@@ -60,7 +60,7 @@ def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
 def unbroken_line(
     time: Reals, breaks: Int[np.ndarray, " break"], begins: float = 0.0, least: float = LEAST
 ) -> str:
-    """Return the campaign line that keeps a part of the times without a break.
+    """Return the campaign line that keeps a part of a record whose times have no break.
 
     It is the first part at least half as long as the longest; empty if that part contains less than
     a share `least` of the times.
@@ -139,7 +139,7 @@ def kept_before(record: Record, at_s: float) -> str:
 
 
 def left_out_from(record: Record, at_s: float) -> str:
-    """Return the remedy for a record that changes at a given time [s], as after a second blow."""
+    """Return the remedy for a record that changes at a given time [s], as by a second blow."""
     if at_s < LEAST * record.num_samples / record.fs:
         return f"{left_out(record)}."
     span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]
@@ -163,7 +163,7 @@ def put_line(leaving_out: str) -> str:
 
 
 def exclude_line(record: Record) -> str:
-    """Return how to leave out a record: by its file name if the file has no other record."""
+    """Return how to leave out a record: by its file's name if the file has no other record."""
     name = record.name.partition(" + ")[0]
     if name and name in {Path(x).name for x in record.provenance.get("path", "").split("; ")}:
         return remedies.leave_out(toml_list([escape(name)]))
@@ -203,7 +203,7 @@ def toml_list(names: Sequence[str | int]) -> str:
 
 
 def toml_table(values: Mapping[str, Any], **blanks: str) -> str:
-    """Format values by role as a TOML table on one line, with words for missing values."""
+    """Return values by role as a TOML table on one line, with words for missing values."""
     stated = {role: json.dumps(x, ensure_ascii=False) for role, x in values.items()}
     return (
         f"{{ {', '.join(f'{role} = {written}' for role, written in (stated | blanks).items())} }}"

@@ -23,7 +23,7 @@ FORCE, DAMPING = 1, 2  # numbers of the tables of force and damping if there is 
 
 
 class JointTables(NamedTuple):
-    """The nodes and tables of one joint, if a Nastran file contains several joints.
+    """The nodes and tables of one joint, used if a Nastran file contains several joints.
 
     Attributes:
         nodes: Nodes of the joint.
@@ -71,7 +71,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[str]]]:
-    """Return the tables of force and of equivalent dashpot against displacement, by number."""
+    """Return the tables of force and equivalent dashpot over displacement, each with its number."""
     return [
         (number, [_field(x) for x in mirrored(result.skeleton, column, odd=odd)])
         for number, column, odd in (
@@ -82,7 +82,7 @@ def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[st
 
 
 def _linear(result: Export) -> tuple[str, str]:
-    """Return the stiffness at rest, and a dashpot with equal loss at the largest displacement."""
+    """Return the initial stiffness, and a dashpot of equal loss at the largest displacement."""
     table = result.skeleton
     return _field(table["stiffness_n_m"][0]), _field(table["damping_ns_m"][-1])
 

@@ -1,4 +1,4 @@
-"""Checks of every channel after reading: each finds one fault and says how to remedy it."""
+"""Checks of every channel after a file is read: each finds one fault and states its remedy."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,16 +13,23 @@ from jbw.measurement.spans import exclude_line, kept_part, span_line, start_of
 from jbw.report.messages import record_faults as messages
 from jbw.report.messages.message import first_of
 
-# Beyond any SI value of a vibration test: a flipped bit in a float makes such values.
+# No vibration test reaches this value in SI units; a flipped bit in a float does.
 LARGEST = 1e12
 LAGS = 0.5, 2.5  # stated delays that account for held values, divided by the lag of these values
-FOLDS = 4  # turns of the frequency along a curve; more turns mean that lines are out of order
-HELD_RUN = 4  # consecutive equal samples in a changing signal: the recorder filled them in
-CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled ones
-FALL = 8.0  # converter steps to a neighbouring sample, more than a slow signal makes
-FAR = 10.0  # ranges of all other samples: a logger's code for a lost sample lies that far away
+# largest number of reversals of the frequency along a folded response curve; with more reversals,
+# lines are out of order
+FOLDS = 4
+# number of equal samples in a changing signal from which they count as filled in by the recorder
+HELD_RUN = 4
+CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled-in samples
+# number of converter steps between neighbouring samples that a slow signal does not reach
+FALL = 8.0
+# Multiple of the other samples' range; a logger's code for lost samples lies at least this far
+# away.
+FAR = 10.0
 FEWEST_LEVELS = 256  # distinct values: 8 bits
-FEW_SOURCE_LEVELS = 16  # a source of fewer levels is a pulse train, not a clipped signal
+# A source with fewer distinct values is a pulse train, not a clipped signal.
+FEW_SOURCE_LEVELS = 16
 PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m], [m/s], [m/s^2]
 GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration": "mm/s^2"}
 
@@ -52,7 +59,7 @@ def inspect(
 def _channel(record: Record, role: str, masked: bool, delay_s: float) -> Iterator[Fault]:
     """Yield the faults of one channel; stop after a fault that makes its numbers meaningless."""
     x = record.channels[role]
-    # NaN passes through min and max, which need no copy of a long record.
+    # `min` and `max` return NaN if there is one, and need no copy of a long record.
     if len(x) and not np.isfinite([x.min(), x.max()]).all():
         finite = np.isfinite(x)
         bad = np.flatnonzero(~finite)
@@ -83,7 +90,7 @@ def _ordered(record: Record) -> Iterator[Fault]:
     if not (np.all(freq > 0) and (np.all(steps > 0) or np.all(steps < 0))):
         turns = np.count_nonzero(np.diff(np.sign(steps)))
         back = min(np.count_nonzero(steps < 0), np.count_nonzero(steps > 0))
-        # A single step back is one line out of place, not a folded curve.
+        # A single step backwards is one line out of place, not a folded curve.
         is_curve = np.all(freq > 0) and turns <= FOLDS and back > 1
         is_folded = is_curve and "force" in record.channels
         yield refusal("frequency", *(messages.FOLDED if is_folded else messages.UNORDERED))
@@ -93,7 +100,7 @@ def _signal(record: Record, role: str, delay_s: float = 0.0) -> Iterator[Fault]:
     x = record.channels[role]
     levels = np.unique(x[:LEVELS_FROM])
     span, largest = np.ptp(x), max(-x.min(), x.max())
-    # A source may switch between two values; one that toggles its last bit is dead.
+    # A source may switch between two values, but one that only toggles its last bit is dead.
     toggles = len(levels) <= 2 < len(x) and (role in RESPONSES or span <= 1e-3 * largest)
     if span == 0 or toggles:
         leave_out = exclude_line(record)
@@ -125,7 +132,7 @@ def _signal(record: Record, role: str, delay_s: float = 0.0) -> Iterator[Fault]:
 
 
 def _lost(record: Record, role: str) -> Iterator[Fault]:
-    """Report samples at one value far from all others, as a logger's -9999 for lost samples."""
+    """Yield an error for samples at one value far from all others, such as a logger's -9999."""
     x = record.channels[role]
     ends = float(x.min()), float(x.max())
     others = x[(x > ends[0]) & (x < ends[1])]
@@ -134,7 +141,7 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
     low, high = float(others.min()), float(others.max())
     for end, away in zip(ends, (low - ends[0], ends[1] - high), strict=True):
         at = np.flatnonzero(x == end)
-        # A single such sample of a source may be a pulse.
+        # A single such sample in a source may be a pulse.
         if away > FAR * (high - low) and (len(at) > 1 or role in RESPONSES):
             first, remedy = at[0] / record.fs, kept_part(record, x == end)
             fault_text = messages.lost_samples(len(at), len(x), end, first, (low, high), remedy)
@@ -142,15 +149,16 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
 
 
 def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
-    """Report runs of equal samples within a moving response: blocks that the recorder lost.
+    """Yield faults for runs of equal samples in a moving response: blocks that the recorder lost.
 
     A constant force, such as that of a slider, is not a lost block.
     """
     x, fs = record.channels[role], record.fs
-    # First sample of each run, except of the first run of the record.
+    # index at which each run of equal samples begins, except the first run of the record
     changes = np.flatnonzero(np.diff(x)) + 1
     starts, stops = changes, np.append(changes[1:], len(x))
-    # Chance makes n p^(length - 1) of n runs as long, where p is the share of runs of two or more.
+    # By chance, n p^(length - 1) of n runs are as long, where p is the fraction of runs longer than
+    # one.
     chance_of_repeat = min(np.mean(stops - starts > 1), 1 - 1e-9)
     by_chance = 1 + np.log(CHANCE / len(x)) / np.log(max(chance_of_repeat, CHANCE))
     long = stops - starts >= max(HELD_RUN, by_chance)
@@ -161,7 +169,7 @@ def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
         before = abs(x[start] - x[start - 1])
         after = abs(x[stop] - x[start]) if stop < len(x) else before
         around = x[max(0, start - max(stop - start, 2 * HELD_RUN)) : start]
-        # A block of zeros jumps at both ends; a block that repeats the last value, at one end.
+        # A block of zeros jumps at both ends, a block that repeats the last value only at one end.
         if min(before, after) > FALL * step or (
             role in RESPONSES
             and stop < len(x)

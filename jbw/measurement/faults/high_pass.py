@@ -10,7 +10,7 @@ from jbw.report.messages import loop_faults as messages
 
 
 class HighPass(Hypothesis):
-    """The time constant of a charge amplifier's high-pass filter."""
+    """The fault that a force was measured through a charge amplifier's high-pass filter."""
 
     name = "high-pass of the force"
 

@@ -1,4 +1,4 @@
-"""A load cell whose zero is off, or drifts along the record: $c_0 + c_1 t$."""
+"""A load cell whose zero is wrong or drifts along the record: $c_0 + c_1 t$."""
 
 from collections.abc import Iterator
 
@@ -11,11 +11,12 @@ from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual
 from jbw.measurement.loops import begins_unmoved
 from jbw.report.messages import loop_faults as messages
 
-STILL = 1e-3  # share of the whole stroke within which a joint counts as at rest
+# A joint counts as at rest while it moves less than this fraction of the whole stroke.
+STILL = 1e-3
 
 
 class ZeroOfLoadCell(Hypothesis):
-    """The offset and the drift of a load cell's zero."""
+    """The fault that a load cell's zero is offset or drifts."""
 
     name = "zero of load cell"
 
@@ -29,7 +30,7 @@ class ZeroOfLoadCell(Hypothesis):
 
 
 def at_rest(loop: ForcedLoop) -> Reals:
-    """Return the force before the motion starts, which should be zero for every law."""
+    """Return the force before the motion starts, which must be zero for every law."""
     y = loop.displacement
     if not begins_unmoved(y):
         return loop.force[:0]
@@ -37,6 +38,6 @@ def at_rest(loop: ForcedLoop) -> Reals:
 
 
 def loaded(rest: Reals, force: Reals) -> Iterator[LoopCause]:
-    """Yield a zero offset of the load cell as a cause, from the force before the motion."""
+    """Yield an offset of the load cell as a cause, estimated from the force before the motion."""
     text = messages.off_centre(float(np.mean(rest) / (0.5 * np.ptp(force))), 0.0)
     yield LoopCause(len(rest) * float(np.var(rest)), text)

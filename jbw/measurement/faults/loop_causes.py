@@ -19,10 +19,12 @@ from jbw.measurement.loops import begins_unmoved
 from jbw.measurement.readings.loop import MOST_SAMPLES, Columns, LoopBasis, basis_of
 from jbw.measurement.records import LOAD_CELLS, Record
 
-LEFT = 0.01  # largest residual beyond noise of a sound loop, relative to the rms of the force
+# largest residual of a sound loop, in excess of noise, relative to the rms of the force
+LEFT = 0.01
 OFF = 0.02  # largest force before the motion, relative to the rms of the force
-NOISE = 1.2  # factor on the noise's sum of squares that sliders leave by chance
-EXPLAINS = 0.85  # share of the residual beyond noise that a cause must explain
+# factor by which the residual of sliders may exceed the noise's sum of squares by chance
+NOISE = 1.2
+EXPLAINS = 0.85  # fraction of the residual in excess of noise that a cause must explain
 FEWEST = 64  # fewest samples of a loop
 WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint
 
@@ -72,11 +74,11 @@ def _named(
 
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
-    """Return the columns of the stated effects, and those of a zero of the load cell not stated."""
+    """Return the columns of stated effects, and the columns of a zero error that was not stated."""
     y, basis = loop.displacement, basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
     if not begins_unmoved(y):
-        known = max(known, 1)  # stuck sliders there add a constant of their own
+        known = max(known, 1)  # Sliders that are fully stuck there contribute a constant.
     springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)
     if set(laws) & set(WEARING):
         springs = np.column_stack([springs, *(path_of(loop) * loop.force)])

@@ -1,4 +1,4 @@
-r"""Features of force loops under prescribed displacement that a law may lack.
+r"""Features of force loops under prescribed displacement that the joint's law may lack.
 
 The first is a joint that is stronger to one side. The second is free travel: each stroke becomes
 stiffer towards its end, where slip alone makes it softer, and the mean of both strokes at each
@@ -18,14 +18,14 @@ from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.loops import cycles_of, lopsided
 from jbw.report.messages import loop_faults as messages
 
-LOPSIDED = 0.25  # difference of the peak forces of both sides, divided by their sum
+LOPSIDED = 0.25  # difference of the peak forces in both directions, divided by their sum
 FREE = ("gap_series", "stop")  # laws with contacts
-POINTS = 40  # number of points on the mean of both strokes
+POINTS = 40  # number of points of the mean of the loading and the unloading stroke
 END = POINTS // 8  # number of values at the end of a stroke from which its slope is determined
-# ratio of the slope at a stroke's end to its smallest slope from which the stroke counts as
-# stiffening
+# A stroke stiffens if the slope at its end exceeds its smallest slope by this factor.
 TWICE = 1.5
-STIFFER = 1.0  # ratio of contact stiffness to stiffness in the free travel; a smaller one is no gap
+# smallest ratio of the contact's stiffness to that of the free travel; with less there is no gap
+STIFFER = 1.0
 GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel, divided by the amplitude
 BETTER = 0.4  # largest residual sum of squares with a gap, divided by that with a smooth spring
 
@@ -39,7 +39,7 @@ def one_sided(loop: ForcedLoop) -> Iterator[Fault]:
 
 
 def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
-    """Yield a warning if a joint has free travel between two contacts but its laws have none."""
+    """Yield a warning if a joint travels freely between two contacts but its laws have no gap."""
     cycles = cycles_of(loop)
     if not cycles or set(laws) & set(FREE):
         return
@@ -52,7 +52,7 @@ def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
 
 
 def _gap_of(y: Reals, force: Reals) -> float | None:
-    """Return half the free travel of a cycle [m]; None if a smooth spring fits equally well."""
+    """Return half the free travel in a cycle [m]; None if a smooth spring fits equally well."""
     lowest = int(np.argmin(y))
     centre, reach = 0.5 * (y.max() + y.min()), 0.5 * np.ptp(y)
     if lowest < POINTS // 4 or len(y) - lowest < POINTS // 4:
@@ -80,6 +80,6 @@ def _gap_of(y: Reals, force: Reals) -> float | None:
 
 
 def _stiffens(stroke: Reals) -> bool:
-    """Return whether a stroke (force at even steps of displacement) stiffens towards its end."""
+    """Return whether a stroke stiffens at its end, given forces at even steps of displacement."""
     slopes = stroke[END:] - stroke[:-END]
     return bool(slopes[-1] > TWICE * np.min(slopes[:-END]))

@@ -1,4 +1,4 @@
-"""A constant offset of a response, which is no motion of a structure that starts from rest."""
+"""A constant offset of a response: a structure that starts from rest has no such motion."""
 
 from collections.abc import Iterator
 
@@ -12,17 +12,17 @@ from jbw.measurement.records import Record
 from jbw.report.messages import response_faults as messages
 from jbw.report.messages.message import FaultText
 
-# mean of a response, divided by its standard deviation: more is an offset of the channel
+# largest mean of a response, divided by its standard deviation; more is an offset of the channel
 OFFSET = 1.0
 
 
 class Offset(Hypothesis):
-    """The constant offset of each response."""
+    """The fault that responses have a constant offset."""
 
     name = "offset of the response"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the columns of a constant offset in each group compared sample by sample."""
+        """Yield columns of a constant offset for each data group compared sample by sample."""
         groups = in_time(misfit.spectra)
         units = zip(groups.items(), np.eye(len(groups)), strict=True)
         columns = {n: np.tile(unit, (len(s.values), 1)) for (n, s), unit in units}

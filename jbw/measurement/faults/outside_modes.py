@@ -10,12 +10,12 @@ from jbw.report.messages import causes as messages
 
 
 class OutsideModes(Hypothesis):
-    """A compliance and a mass of modes outside the band, common to all tests."""
+    """The fault that modes outside the band add a compliance and a mass, common to all tests."""
 
     name = "modes outside the band"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the columns of a compliance and a mass that represent modes outside the band."""
+        """Yield columns of a compliance and a mass that represent modes outside the band."""
         columns = {}
         for label, spectrum in misfit.spectra.items():
             stiff, squares = spectrum.factor * spectrum.source, spectrum.omega**2

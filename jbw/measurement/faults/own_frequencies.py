@@ -1,4 +1,4 @@
-"""Tests with separate natural frequencies and damping, as of different days or assemblies."""
+"""Tests with separate natural frequencies and damping, for example on different days."""
 
 from collections.abc import Iterator
 
@@ -12,12 +12,12 @@ from jbw.report.messages.message import FaultText
 
 
 class OwnFrequencies(Hypothesis):
-    """A separate natural frequency and damping ratio of each test, from derivatives at the fit."""
+    """The fault that each test has a separate natural frequency and damping ratio."""
 
     name = "natural frequency of tests"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the columns of each test's separate natural frequency and damping."""
+        """Yield columns that state how separate frequencies and damping change the data."""
         slopes, count = misfit.slopes, len(misfit.slopes)
         if len(misfit.spectra) < 2 or not slopes:
             return

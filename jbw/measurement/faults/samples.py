@@ -1,4 +1,4 @@
-"""Recorder faults that samples show: values held for several samples, and drop-outs.
+"""Recorder faults seen in samples: values held for several samples, and drop-outs.
 
 The thresholds are calibrated on records of `benchmarks/outside`: none of 1,600 sound records of
 four kinds is accused, and nine of ten drop-outs that exceed the noise are detected.
@@ -8,16 +8,19 @@ import numpy as np
 
 from jbw.measurement.channels import OF_NORMAL, Reals
 
-# Changes of the value; by chance all lie at multiples of samples in 2^-24 of the cases.
+# Smallest number of changes of the value. By chance, all of them lie at multiples of a number of
+# samples in 2^-24 of the cases.
 CHANGES = 24
-ORDER = 8  # samples from which the next one is predicted
-MANY = 2**16  # samples to which the prediction is fitted
+ORDER = 8  # number of samples from which the next one is predicted
+MANY = 2**16  # largest number of samples to which the prediction is fitted
 FITS = 4  # number of fits of the prediction, each without the outliers of the previous fit
-OUTLYING = 5.0  # robust standard deviations: samples beyond are excluded from the prediction's fit
-FAR = 12.0  # robust standard deviations of a prediction's error: beyond it is no noise
-INWARD = 0.45  # share of the predicted value below which a sample of a drop-out lies
+# Samples beyond this number of robust standard deviations are excluded from the prediction's fit.
+OUTLYING = 5.0
+FAR = 12.0  # A prediction error beyond this number of robust standard deviations is not noise.
+INWARD = 0.45  # largest size of a sample in a drop-out, relative to its predicted value
 STRETCHES = 32  # number of segments of a record, each with a separate standard deviation
-FEWEST, MOST = 5, 0.6  # smallest number of drop-outs; smallest share of all outliers
+# smallest number of drop-outs, and their smallest fraction among all outliers
+FEWEST, MOST = 5, 0.6
 
 
 def held_for(x: Reals) -> tuple[int, int]:
@@ -34,7 +37,7 @@ def held_for(x: Reals) -> tuple[int, int]:
 
 
 def drop_outs(x: Reals) -> list[int]:
-    r"""Return the samples at which a signal drops to nearly zero, against its linear prediction.
+    r"""Return the samples at which a signal drops almost to zero, against its linear prediction.
 
     $$x_k = \sum_i a_i x_{k-i} + e_k, \qquad |x_k| < 0.45\,|x_k - e_k|, \qquad
       e_k^2 > 12^2 \Bigl(s_k^2 + \tfrac{q^2}{12} \bigl(1 + \sum_i a_i^2\bigr)\Bigr)$$
@@ -59,7 +62,7 @@ def drop_outs(x: Reals) -> list[int]:
     error = rows[:, -1] - rows[:, :-1] @ filtered
     rounding = float(np.min(np.diff(np.unique(unit)))) ** 2 / 12 * (1 + filtered @ filtered)
     far = np.flatnonzero(np.abs(error) > FAR * np.sqrt(_scales(error) ** 2 + rounding))
-    # The samples that follow are predicted from a faulty one.
+    # Samples after a faulty one are predicted from it and do not count.
     first = far[np.diff(far, prepend=-ORDER - 1) > ORDER]
     predicted = rows[first, -1] - error[first]
     inward = np.abs(rows[first, -1]) < INWARD * np.abs(predicted)
@@ -68,7 +71,7 @@ def drop_outs(x: Reals) -> list[int]:
 
 
 def _scales(error: Reals) -> Reals:
-    """Return the robust standard deviation of the errors in each sample's segment."""
+    """Return, for each sample, the robust standard deviation of the errors in its segment."""
     parts = np.array_split(np.abs(error), min(STRETCHES, max(len(error) // 64, 1)))
     return np.concatenate(
         [np.full(len(part), np.median(part) / OF_NORMAL + 1e-300) for part in parts]

@@ -1,4 +1,4 @@
-"""A displacement gauge that slips once: the motion jumps while the force does not."""
+"""A displacement gauge that slips once: the measured motion jumps, the force does not."""
 
 from collections.abc import Iterator
 
@@ -10,22 +10,23 @@ from jbw.measurement.readings.loop import basis_of, fit_loop
 from jbw.measurement.spans import kept_part, start_of
 from jbw.report.messages import loop_faults as messages
 
-SLIPS = 3  # number of places at which a gauge may have slipped
-NEIGHBOURS = 2  # steps of a motion to either side, whose median is the usual step
+SLIPS = 3  # number of times at which the gauge may have slipped that are tried
+# The usual step of the motion is the median over this number of steps on either side.
+NEIGHBOURS = 2
 
 
 class Slip(Hypothesis):
-    """A slip of the displacement gauge: its time and its size."""
+    """The fault that a displacement gauge slipped: time and size of the slip."""
 
     name = "slip of the gauge"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield slips of the gauge where a step of the motion differs most from its neighbours."""
+        """Yield slips of the gauge at the times at which a step of the motion is most unusual."""
         loop, record, every = residual.loop, residual.record, residual.every
         steps = np.diff(loop.displacement)
         around = np.lib.stride_tricks.sliding_window_view(steps, 2 * NEIGHBOURS + 1)
         unlike = steps[NEIGHBOURS:-NEIGHBOURS] - np.median(around, axis=1)
-        before = loop.begins - start_of(record)  # a stated delay may skip the first samples
+        before = loop.begins - start_of(record)  # A stated delay may exclude the first samples.
         skipped = round(before * record.fs) if before else 0
         for place in np.argsort(np.abs(unlike))[-SLIPS:].tolist():
             first = place + NEIGHBOURS + 1  # first sample after the slip

@@ -11,18 +11,19 @@ from jbw.measurement.faults.suspect import Cause, Misfit, stiffness
 from jbw.measurement.spectra import FRF
 from jbw.report.messages import record_faults as messages
 
-SEGMENTS = 8  # number of segments: few, but a resonance still stands out of the spectra
-FLOOR = 1e-4  # share of the largest density below which lines are outside the excitation
-PEAKED = 10.0  # times more peaked than the response: such an input looks like a response
+SEGMENTS = 8  # number of segments: few, but enough for a resonance to stand out of the spectra
+FLOOR = 1e-4  # Lines below this fraction of the largest density are outside the excitation.
+# An input whose spectrum is more peaked than the response's by this factor looks like a response.
+PEAKED = 10.0
 
 
 class SwappedChannels(Hypothesis):
-    """The exchange of input and response of one test."""
+    """The fault that input and response of a test are exchanged."""
 
     name = "swapped channels"
 
     def suspects(self, misfit: Misfit) -> Iterator[Cause]:
-        """Yield, by test, how well the mode predicts the input if it is really the response."""
+        """Yield, for each test, how well the mode predicts the input from the response."""
         for label in misfit.missed:
             spectrum, norm = misfit.spectra[label], np.linalg.norm
             modelled = spectrum.factor * spectrum.measured / stiffness(misfit.theta, spectrum.omega)
@@ -34,7 +35,7 @@ class SwappedChannels(Hypothesis):
 
 
 def peaked_input(source: str, estimate: FRF) -> Iterator[Fault]:
-    """Yield a warning if the spectrum of an input is far more peaked than that of its response."""
+    """Yield a warning if an input's spectrum is far more peaked than the response's spectrum."""
     lines = carried(estimate)
     if lines.sum() < SEGMENTS:
         return

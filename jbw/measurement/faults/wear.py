@@ -1,4 +1,4 @@
-"""A joint that wears along its path s: $F = F_0 + (w_1 s + w_2 s^2) F$, with $F_0$ of the start."""
+"""A joint that wears along its path s: $F = F_0 + (w_1 s + w_2 s^2) F$, F_0 without wear."""
 
 from collections.abc import Iterator
 
@@ -17,7 +17,7 @@ class Wear(Hypothesis):
     name = "wear of the joint"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield wear along the path as a possible cause of a loop fit's residual."""
+        """Yield wear with the travelled path as a possible cause of a loop fit's residual."""
         loop = residual.loop
         if not (groups := of_one_amplitude(cycles_of(loop))):
             return
