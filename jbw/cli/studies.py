@@ -43,7 +43,7 @@ if TYPE_CHECKING:  # these modules load pydantic
 def compare(
     source: Path, out: Path | None, json_: bool, allow_outside: bool, **options: Any
 ) -> None:
-    """Compare samplers on one posterior of the finished run in DIR, or of the campaign file DIR.
+    """Compare samplers on one posterior; DIR is the folder of a finished run, or a campaign file.
 
     The result gives for every parameter the mean, standard deviation and quantiles, with their
     distance from a reference in Monte Carlo standard errors (the reference is a quadrature, or the

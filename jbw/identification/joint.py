@@ -65,7 +65,7 @@ class JointProblem:
     # starting values from the line fit and the kernel fit (Steps 2 to 4)
     known: Mapping[str, float] = field(default_factory=dict)
     readings: Readings = NOTHING  # results of single-mode fits, for several joints
-    tests: tuple[Test, ...] = ()  # tests, whose sources determine the units of gains
+    tests: tuple[Test, ...] = ()  # the tests; the kind of drive determines the unit of a gain
     # parameters of an earlier fit to the same data, from which the fit starts
     start: Mapping[str, float] = field(default_factory=dict)
 

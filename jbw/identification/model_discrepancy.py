@@ -527,7 +527,9 @@ def _learned(
 
 
 def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
-    """Return the sd of errors in frequency (relative) and damping over all runs, or None.
+    """Return the standard deviations over runs of the errors in frequency (relative) and damping.
+
+    None if no run is given.
 
     The scatter of the natural frequency [rad/s] is divided by that frequency.
     """

@@ -140,7 +140,7 @@ def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
-    """Return starting values of all joints' laws, each with half of its fully stuck stiffness."""
+    """Return starting values of all laws, each with half of its joint's fully stuck stiffness."""
     numbers, first = dict(modes.numbers), {}
     for k, name in enumerate(laws):
         joints = split(name)[1]

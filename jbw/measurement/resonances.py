@@ -272,7 +272,9 @@ def curves_of_points(test: Test) -> list[ControlledCurve]:
 
 
 def readings_of_points(test: Test, gain: float | None) -> list[Reading]:
-    r"""Return frequency and damping at each point's amplitude, with force per mass g F.
+    r"""Return frequency and damping at the amplitude of each point of a controlled test.
+
+    The force per mass is g F, where g is `gain`:
 
     $$\omega_r^2 = \omega^2 + \frac{g F \cos\varphi}{Y}, \qquad
       2\zeta\,\omega_r\,\omega = -\frac{g F \sin\varphi}{Y}$$

@@ -137,7 +137,7 @@ class Decays(Envelopes):
         return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the decays with noise and frequency variation of the records, from a fit."""
+        """Return the decays, with noise and frequency variation of the records set to a fit's."""
         matches = matched(theta, self)
         noise = jnp.sqrt(matches.misfit / (self.groups.size - self.groups.num_own))
         errors = float(jnp.sqrt(jnp.mean(self.shift_errors(matches) ** 2)))

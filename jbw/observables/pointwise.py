@@ -190,7 +190,7 @@ def _of_part(
     sums: Mapping[str, Float[np.ndarray, "draw record"]],
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
-    """Return the records of one dataset part, from the residual sums at all posterior draws."""
+    """Return the log likelihood of each record in a part of the dataset, at each posterior draw."""
     groups, group, count = part.groups, records.group, records.num_repeats
     measured, deviation = records.rows[:, 0], records.rows[group, records.place]
     size, discrepancy = (np.asarray(x)[group] for x in (groups.size, groups.discrepancy))

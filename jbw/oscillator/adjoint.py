@@ -305,7 +305,7 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
 
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a solver that takes a batch's oscillators in turn, each with all right-hand sides.
+    """Return a linear solver that takes a batch's oscillators in turn, each with all its loads.
 
     If the oscillators of a batch were solved side by side, the long derivative of a kink would be
     computed in every step of each.

@@ -376,7 +376,7 @@ def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Fit the smoothed force by a Chebyshev projection, T_0..T_3, of the lag."""
+    """Return coefficients of the smoothed force from a Chebyshev series T_0..T_3 of the lag."""
     theta, weights = gauss_legendre_between(_NUM_NODES, 0.0, jnp.arccos(eta), jnp.pi)
     lost = weights * unloading_lag(jnp.cos(theta), *(x[..., None] for x in (eta, d, g)))
     t_0, t_1, t_2, t_3 = (2.0 / jnp.pi * jnp.sum(lost * jnp.cos(n * theta), -1) for n in range(4))

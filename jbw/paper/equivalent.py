@@ -302,7 +302,7 @@ class _Drive(eqx.Module):
         return _interpolate(self.u, step / self.substeps)
 
     def switched(self, step: Array) -> Array | None:
-        """Return the switched force [N/kg] if it is supplied from outside, or else None."""
+        """Return the force that switches with the sign of v [N/kg], if it was supplied, or None."""
         u_0 = self.switching.u_0
         return None if u_0 is None else u_0(step / self.rate)
 

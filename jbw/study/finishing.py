@@ -71,7 +71,7 @@ def finished_study(
 def measured_groups(
     order: Order, prepared: PreparedTests, tree: xr.DataTree, wide: xr.Dataset | None
 ) -> dict[str, xr.Dataset]:
-    """Return a result's groups: posteriors with instrument errors, and curves measured in records.
+    """Return a result's groups, with the measured curves and instrument errors in posteriors.
 
     `wide` is the main posterior with the stated instrument errors; None where none are stated.
     """

@@ -585,7 +585,7 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
-    """Return "runs" or "order" if differences between records depend on it, else an empty text."""
+    """Return "runs" if records differ from run to run, "order" if they drift, else no text."""
     count = len(offsets)
     groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
     if 1 < len(groups) < count:

@@ -193,7 +193,7 @@ class Study:
         return planned_sweep(basis_of(self.tree), band_hz, level, duration, fs)
 
     def joints(self, draws: int = NUM_DRAWS) -> Oscillator:
-        """Return the posterior draws as one oscillator, for further computations.
+        """Return an oscillator whose parameters are arrays over the posterior draws.
 
         Its arrays have the shape (draw,); `jbw.simulate` and `jbw.steady_state` accept it.
 

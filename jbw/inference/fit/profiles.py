@@ -32,7 +32,8 @@ from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY, THRESHOLD
 from jbw.report.messages import identified
 from jbw.report.messages.message import listed
 
-SENSIBLE = 10.0  # A larger exponent of a combination only reflects prior ranges of unequal width.
+# largest exponent in a named combination; larger exponents only show that prior widths differ
+SENSIBLE = 10.0
 # largest standard deviation of a named combination of parameters, relative to that of the direction
 # in parameter space which it describes
 AS_WELL = 2.0
@@ -429,7 +430,8 @@ def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
 def _sentence(profile: Profile) -> str:
     low, high = profile.interval
     if profile.open == (False, False):
-        # Print the interval's ends so that its width has two digits, with four digits at least.
+        # Print both ends of the interval with enough digits that its width shows two of them, and
+        # with at least four significant digits.
         largest = max(abs(low), abs(high))
         needed = 2 + math.ceil(math.log10(largest / (high - low))) if high > low else 6
         ends = [f"{end:.{max(4, needed)}g}" for end in profile.interval]

@@ -80,7 +80,7 @@ class Valley(Coordinate):
         return y.at[self._others].set(away)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the log determinant of the map: the logarithm of the valley's width."""
+        """Return the log determinant of the map: the log of the posterior valley's width."""
         return jnp.sum(jnp.log(jnp.diagonal(self._at(x[self.held])[1])))
 
     @property

@@ -56,7 +56,7 @@ class Ridge(Coordinate):
     along: Member
 
     def forward(self, x: Vector) -> Vector:
-        """Return the parameters at a point of the ridge."""
+        """Return the parameters at given coordinates along and across the posterior's ridge."""
         foot = self._foot(x)
         low, high = walls(foot, self.along)
         s = foot + (low + x[-1] * (high - low)) * self.along

@@ -58,7 +58,7 @@ class Hypothesis:
         yield from ()
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield the fault with starting values for a fit together with a mode, if it applies."""
+        """Yield starting values for a common fit of this fault and a mode, if both can occur."""
         yield from ()
 
     def matters(self, values: Reals, fits: Fits) -> bool:

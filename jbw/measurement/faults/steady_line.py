@@ -39,7 +39,9 @@ class UndecayingLine(Hypothesis):
     def matters(self, values: Reals, fits: Fits) -> bool:
         """Return whether the line exceeds 0.2 % of a decay, or stands out of the residual."""
         if self.turn(values, fits) <= -2 * np.pi * fits.signal.centre_hz:
-            return False  # This is the mirror image of the mode's own oscillation.
+            # At such a negative frequency, the line is the mirror image of the mode's own
+            # oscillation.
+            return False
         if isinstance(fits, SweepFits):
             return remainder(fits).line > STANDS_OUT
         return self.share(values, fits) > LEAST

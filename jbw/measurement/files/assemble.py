@@ -299,7 +299,7 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
 
 
 def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
-    """Return a role's unit, and the file's own unit if the caller replaces it.
+    """Return a role's unit and, as a second value, the file's unit if the caller overrides that.
 
     The caller's unit must not contradict the file's unless `units_are` is "mine".
     """

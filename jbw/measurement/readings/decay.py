@@ -45,7 +45,8 @@ FEWEST_POWERS = 14  # smallest number of values for a fit of a power of the ampl
 # fraction.
 WORTH_A_TERM = 0.9
 NO_MODEL = 1e3  # value of an invalid model, relative to the signal
-# number of half converter steps below which a signal without dither is not recorded at all
+# Without dither, a signal smaller than this many half steps of the AD converter leaves no trace in
+# the record.
 FADED = 2.4
 QUIETEST = 0.3  # amplitude relative to the noise at which a decay ends
 LOUD = 4.0  # multiple of the noise's amplitude that noise alone exceeds in one of 10^7 values

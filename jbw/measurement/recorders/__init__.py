@@ -31,7 +31,7 @@ def modules() -> tuple[str, ...]:
 
 @cache
 def recorders() -> tuple[Recorder, ...]:
-    """Return all recorders in the order of their files; those for a whole format come last."""
+    """Return all recorders in the order of their modules; readers of a general format come last."""
     collected: list[Recorder] = []
     for name in modules():
         module = import_module(name)

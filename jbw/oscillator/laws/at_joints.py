@@ -51,7 +51,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
             return kind.build(plain(theta))
 
         def parameters(self) -> dict[str, Any]:
-            """Return the parameter values by their names at the joint."""
+            """Return the law's parameter values, keyed by the names that they have at the joint."""
             plain_values = _of_kind(kind, self).parameters()
             return {name_at(name, joint): value for name, value in plain_values.items()}
 

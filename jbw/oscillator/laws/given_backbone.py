@@ -49,7 +49,10 @@ class GivenBackbone(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds of both scales: a factor of 5, no stiffer than the structure."""
+        """Return prior bounds of the factors on the curve's force and displacement: from 1/5 to 5.
+
+        The factor on force is also limited to keep the law no stiffer than the structure.
+        """
         stiffest = scales.omega_n**2 / cls.at_zero
         return {
             cls.names()[0]: (SCALE[0] * min(1.0, stiffest), min(SCALE[1], stiffest)),
@@ -58,11 +61,11 @@ class GivenBackbone(Masing):
 
     @classmethod
     def build(cls, theta: Any) -> "GivenBackbone":
-        """Return the law from a dictionary of its two scales."""
+        """Return the law from a dictionary of its factors on force and displacement."""
         return cls(*(theta[name] for name in cls.names()))
 
     def parameters(self) -> dict[str, Any]:
-        """Return the two scale parameters by name."""
+        """Return the factors on force and displacement by name."""
         return dict(zip(self.names(), (self.scale_force, self.scale_displacement), strict=True))
 
     def stiffness(self) -> Scalar:

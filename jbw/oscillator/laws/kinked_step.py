@@ -144,7 +144,7 @@ def _turn_impulse(
     sharpness_slopes: PathSlopes,
     fraction_slopes: PathSlopes,
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return how the turning point changes v and y, with derivatives."""
+    """Return how a reversal corrects velocity v and displacement y of a step, with derivatives."""
     gamma, z = law[2], motion.moves.turn
     twice = jnp.where(motion.turns, -2.0, 0.0)
     sharpness, twist = motion.sharpness, signed(6.0 * motion.path.c_3, ends[1])

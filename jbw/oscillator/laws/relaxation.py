@@ -43,7 +43,7 @@ def _remainder_jvp(k: int, primals: tuple[Array], tangents: tuple[Array]) -> tup
 
 
 def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the part of a move x that relaxation at the rate c removes.
+    r"""Return the distance that relaxation at the rate c per length removes from a move x.
 
     $$x - \phi(c, x) = s\,x\,E_2(s), \qquad s = c\,x$$
 

@@ -137,7 +137,8 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
     popped = fixed.count - count
     in_pairs = popped == 2.0 * jnp.floor(0.5 * popped)
     place = jnp.where(in_pairs, _at(stack.y, count), _mirrored(stack.y))
-    # With three entries left, the reversal that closes the branch was dropped.
+    # If at most three reversals remain on a stack that was full before, the reversal that closes
+    # the branch was dropped from it.
     edge = (stack.lost > 0.5) & (popped > 0.5) & (count < 3.5)
     after = Stack(
         count,

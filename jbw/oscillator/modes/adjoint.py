@@ -177,7 +177,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
     turns = tuple(jnp.where(joint.shift != 0.0, 1.0, 0.0) for joint in passed)
     moves, move_by = by_constants(corrections, starts, passed)
     passing, by_move = _of_all(_moved_slopes, kernels, ends, moves, by_along)
-    # Change of the joints' effect on the modes for changes of the step's constants.
+    # derivatives of the joints' effect on the modes with respect to the coefficients of a time step
     none = tuple(jnp.zeros_like(part) for part in q)
     _, post = by_constants(driven, (none, none), (none, none), starts, passed)
     parts = by_start, path_by, by_bend, bent_by, turns, passing, move_by, by_move
