@@ -113,7 +113,7 @@ def residual_finding(
 
 
 def errors_and_colour(best: Fit, data: Dataset) -> tuple[dict[str, float], Finding | None]:
-    """Return each data group's relative error at a fit, and the finding on correlated residuals."""
+    """Return each data group's relative error at a fit, and the finding on residual correlation."""
     residuals = residual_by_label(best.residual, data)
     error = error_by_label(residuals, data)
     return error, residual_finding(residuals, fractions_counted(data), error, data.laws)

@@ -39,14 +39,14 @@ class Measured:
     """The fitted and held-out tests of a campaign, with the line fit of its noise test (Step 2)."""
 
     tests: tuple[Test, ...]
-    chosen: tuple[Test, ...]  # tests that `fit` and `hold_out` leave
+    chosen: tuple[Test, ...]  # tests that the settings `fit` and `hold_out` leave to be fitted
     settings: Identify
     laws: tuple[str, ...]
     gain: Gain  # gains stated in the campaign [N/kg per unit of the input]
     linear: LinearStep | None  # line fit of a noise test (Step 2); None without such a test
     sweeps: Sweeps | None  # sweeps; None if there are none
     decays: DecaySplit | None  # free decays; None if none can be fitted
-    modes: Modes | None = None  # modes that move the joint; None for one mode
+    modes: Modes | None = None  # modes of the structure that move the joint; None for a single mode
     joints: SeveralJoints | None = None  # several joints of the structure; None for one joint
 
     @property
@@ -124,7 +124,7 @@ def measured_in(
     tests: Sequence[Test] | None = None,
     line_fit: TriedStep | None = None,
 ) -> Measured:
-    """Divide a campaign's tests into fitted and held-out ones, with the line fit of Step 2."""
+    """Divide a campaign's tests into fitted and held-out ones; add the line fit of Step 2."""
     return measured(
         campaign.tests if tests is None else tests, campaign.settings, laws=campaign.laws,
         structure=campaign.structure, gain=force_per_unit(campaign), joints=campaign.joints,
@@ -133,7 +133,7 @@ def measured_in(
 
 
 def assemble(seen: Measured) -> Dataset:
-    """Assemble all fitted tests of a campaign in one dataset, in which runs have no offsets.
+    """Assemble all fitted tests of a campaign in one dataset, in which runs do not have offsets.
 
     All tests are fitted except held-out ones. Held out are tones near the resonance (they
     validate), levels and repeats of sweeps that are not among `fit_levels` and `fit_repeats`,
@@ -176,7 +176,7 @@ def assemble(seen: Measured) -> Dataset:
 
 
 def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dict[str, float]:
-    """Return the fixed parameters: stated gains, and parameters that no test determines."""
+    """Return the parameters with fixed values: stated gains, and those that no test determines."""
     others, first_parts = attached(parts), parts_of("", parts)
     informed = informed_by(first_parts)
     first = next((part.drive for part in first_parts if part.drive), "")
@@ -211,7 +211,7 @@ def _require_labels(parts: Sequence[Observable]) -> None:
 
 
 def entered(seen: Measured) -> dict[str, bool]:
-    """Return, by name of the test, whether the fit uses a repeat of it or its line fit."""
+    """Return, by test name, whether the fit uses one of the test's repeats or its line fit."""
     kinds = {kind for observable in OBSERVABLES for kind in observable.kinds}
     names = _names([test for test in _reducible(seen) if test.kind in kinds])
     names |= _names([test for test in seen.chosen if test.traits.is_free])
@@ -237,7 +237,7 @@ def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
-    """Return tests in the form that the likelihood needs, grouped by kind and drive."""
+    """Return tests as the data that the likelihood needs, grouped by kind of test and by drive."""
     parts: list[Observable] = []
     if worn := never_steady(seen.laws, {test.kind for test in tests}):
         raise ConfigError(f"Argument `laws`: {worn}")

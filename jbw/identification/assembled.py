@@ -214,7 +214,7 @@ def passes(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
-    """Return the model's gain of the first mode [1/kg] if a force is measured, or else None."""
+    """Return the first mode's gain from the model [1/kg] if a force is measured, or else None."""
     driven = [test for test in tests if not test.traits.is_free]
     if modes is None or modes.meet != ASSEMBLED or not driven or drive_of(driven[0]) in FED:
         return None
@@ -279,7 +279,7 @@ def joint_bounds(
 
 
 def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
-    """Return the largest motion of a joint [m or rad] in the modes that the first point shows."""
+    """Return a joint's largest motion [m or rad] in any mode that the first point shows."""
     numbers, amplitudes = dict(modes.numbers), largest_amplitudes(modes, data)
     motion = [numbers[motion_name(i, joint)] for i in range(1, len(amplitudes) + 1)]
     return float(np.nanmax(np.abs(motion) * amplitudes))

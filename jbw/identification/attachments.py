@@ -84,7 +84,7 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
 
 
 def _read(test: Test) -> ShakerReading | None:
-    """Identify the shaker with as few modes as possible; warn if this fails."""
+    """Identify the shaker with as few modes in the band as possible; warn if this fails."""
     reason = ""
     for modes in MOST_MODES:
         try:

@@ -75,7 +75,8 @@ def _misfit(best: Fit, data: Dataset) -> Misfit:
         for part in data.parts
         for label, spectrum in part.shown().spectra(residuals).items()
     }
-    # Each row depends on the offset of only one drive, so the columns of the drives can be added.
+    # Each row depends on the offset of only one drive, so that the drives' columns can be added to
+    # one column.
     of_offset: dict[str, Any] = {}
     for name, x in zip(best.theta, best.jacobian.T, strict=True):
         if plain(name) in OFFSETS:
@@ -95,7 +96,7 @@ def _misfit(best: Fit, data: Dataset) -> Misfit:
 
 
 def cause_finding(found: Sequence[Cause]) -> Finding | None:
-    """Return the finding on the first cause if it explains most of the misfit, or else None."""
+    """Return the finding on the most likely cause if it explains most of the misfit, or None."""
     if not found or found[0].explained < MOSTLY:
         return None
     text, share = found[0].text, found[0].explained
@@ -121,7 +122,8 @@ def _near_optimum(best: Fit, data: Dataset, misfit: Misfit) -> Try:
         weight[label] = 1 / np.sqrt(np.mean(group**2))
         rows.append(weight[label] * group)
         directions.append(weight[label] * as_columns(*(column[label] for column in slopes)))
-        # Misfits are divided by the rms of their data groups; groups without misfit do not count.
+        # Divide residuals by the rms of their data groups; groups that the fit describes well do
+        # not count.
         size = np.linalg.norm(spectrum.values) if label in misfit.missed else np.inf
         counted.append(np.full(len(group), 1 / (weight[label] * size)))
         places[label] = slice(end, end := end + len(group))

@@ -196,7 +196,7 @@ def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
 def amendments_of(
     checked: CheckedPosterior, groups: Mapping[str, xr.Dataset], attempts: Attempts
 ) -> tuple[Amendment | None, ...]:
-    """Return changes of findings that follow from fit errors, held-out errors, and the joint."""
+    """Return changes of findings due to small fit errors, held-out errors, or an absent joint."""
     of_unseen, ready, data = None, checked.fitted, checked.data
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
@@ -364,7 +364,7 @@ def each_kind_left_out(checked: CheckedPosterior) -> Outcome:
 
 
 def each_record_alone(checked: CheckedPosterior) -> Outcome:
-    """Check whether separate fits to single records agree."""
+    """Check whether fits to each single record agree with each other."""
     ready = checked.fitted
     if (between := between_records(ready.fit, ready.box, ready.data)) is None:
         return Outcome()

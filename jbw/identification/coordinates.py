@@ -88,7 +88,7 @@ def _bounds_of(
 
 
 def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Return the prior bounds of the parameters of all modes after the first."""
+    """Return the prior bounds of the modal parameters of all modes after the first."""
     if data.modes is None:
         return {}
     wide = bounds_of(data.modes, estimates, with_joint=bool(data.laws))
@@ -185,7 +185,7 @@ def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: b
 
 
 def weighed_bounds(gain: float) -> tuple[float, float]:
-    """Return prior bounds of a gain that follows from the secant stiffness of a loop."""
+    """Return prior bounds of a gain that is estimated from the secant stiffness of a loop."""
     # the sign of a channel may be reversed
     low, high = sorted((gain / MOST_SOFTENING, MOST_SOFTENING * gain))
     return low, high
@@ -287,7 +287,7 @@ def coordinate_box(
 
 
 def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> tuple[Product, ...]:
-    """Return the products of each law's parameters that small motion determines.
+    """Return those products of each law's parameters that small motion determines.
 
     If a law is sampled in other coordinates, its parameters are also returned as products of these.
     Only products of sampled parameters (`names`) are returned.

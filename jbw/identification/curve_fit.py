@@ -23,7 +23,7 @@ FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03
 
 
 class WhiteRows(NamedTuple):
-    """Stiffness and loss at each amplitude, with the matrix that normalises their errors.
+    """Stiffness and loss at each amplitude, with the matrix that scales their errors to one.
 
     Attributes:
         y: Amplitudes [m].
@@ -39,7 +39,7 @@ class WhiteRows(NamedTuple):
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
-    """Return a curve's stiffness and loss; their errors are 2e-4, and 3 % of the largest loss."""
+    """Return a curve's stiffness and loss; assumed errors are 2e-4 and 3 % of the largest loss."""
     square = curve.omega**2
     unit = float(np.mean(square))
     stiffness, loss = square / unit, 2 * curve.zeta * square / unit
@@ -50,7 +50,7 @@ def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
 
 
 class CurveMisfit(eqx.Module):
-    r"""The errors of laws in stiffness and loss against amplitude, in standard deviations.
+    r"""The errors of laws in stiffness and loss against amplitude, in the data's standard errors.
 
     $$\omega(Y)^2 = k + \sum_l K_l(Y), \qquad
       2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$

@@ -37,8 +37,8 @@ DISTANCE = 2.0  # distance of the tested points from the fit, in standard deviat
 # limits of the difference of log likelihood at that distance, which is 2 for a Gaussian posterior
 LEAST, MOST = 1.0, 4.0
 SIZE, MOST_ROUNDS = 256, 12  # number of points in a round of weighting, and number of rounds
-# numbers of effective points: with the first no further round begins, below the second the Gaussian
-# is used
+# numbers of effective points: above the first one, no further round begins; below the second one,
+# the Gaussian approximation is used
 ENOUGH, FEWEST = 200.0, 100.0
 MOST_KHAT = 1.0  # k-hat above which weights have no finite mean
 
@@ -86,7 +86,7 @@ def is_curved(ready: Fitted) -> bool:
 def weighted_draws(
     key: Key[Array, ""], ready: Fitted, num_chains: int, num_draws: int
 ) -> WeightedDraws | None:
-    """Return draws from weighted points; None if no coordinates give reliable weights.
+    """Return draws from weighted points; None if no coordinates give reliable weights of points.
 
     Logarithms are the first coordinates. If their weights are poor, those along the valley of the
     least determined parameter are tried too, and the better are taken.

@@ -123,7 +123,7 @@ def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
     share = x**2 / np.sum(x**2)  # Values are weighted by their amplitude.
 
     def line(values: Values, exponent: float) -> tuple[np.ndarray, float]:
-        """Fit a constant plus a power of the amplitude to values; return also the residual."""
+        """Fit a constant plus a power of the amplitude to values; return the residual as well."""
         power = x**exponent
         middle, centre = share @ power, share @ values
         across, along = power - middle, values - centre

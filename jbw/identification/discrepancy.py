@@ -68,7 +68,7 @@ NO_SCATTER = Scatter(0.0)
 
 
 class Missed(NamedTuple):
-    """The error of a law in frequency and damping, within the fitted amplitudes."""
+    """The error of a law in frequency and in damping, within the fitted amplitudes."""
 
     frequency: Scatter  # error of the law in natural frequency: relative standard deviation [-]
     damping: Scatter  # error of the law in damping ratio: standard deviation [-]
@@ -155,7 +155,7 @@ def growth(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt{g_r}$ by which the error of a held-out run is divided.
+    r"""Return the growth $\sqrt{g_r}$ of the law's error from the fitted range to a held-out run.
 
     Below the fitted amplitudes it is linear in the amplitude, because the error of a run there may
     be no larger than an error that is linear in the amplitude.
@@ -227,7 +227,7 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
 
 
 def unscored_levels(found: xr.Dataset) -> str:
-    """Return the key of the reason why other levels' predictions are not scored, or ""."""
+    """Return the reason (as a key) why predictions of other levels are not scored, or ""."""
     if not found.sizes["run"]:
         return "two runs" if found.attrs["num_runs"] > 1 else "one run"
     y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])

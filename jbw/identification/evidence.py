@@ -62,7 +62,7 @@ MOST_ROUNDS = 24
 AT_BOUND = 1e-3
 # relative standard deviation of omega_n between runs, typical of runs on different days
 RUN_SCATTER = 5e-4
-# Ways in which several modes may have separate joints, in words.
+# how several modes may have separate joints, in words
 MEET = {"apart": OF_EACH_MODE, "first": IN_FIRST_MODE}
 OF_JOINT = frozenset(name for names in NAMES for name in (names.sign, names.shape, names.coupling))
 # Largest number of rounds; in each one, all laws are fitted with the error weights of the best law.
@@ -79,7 +79,7 @@ class Candidate:
 
     laws: Laws
     fitted: Fitted
-    meet: str = ""  # how the modes share joints, if not as the campaign states
+    meet: str = ""  # how the modes share joints; empty if they do so as the campaign states
 
     @property
     def name(self) -> str:
@@ -143,7 +143,7 @@ def candidates(
             break
         report(messages.fitting_as(best.name))
         best_fitted = best.fitted
-        # Keep these laws' priors and the signs of the modes.
+        # Keep the priors of these laws, and the signs of the modes that this fit found.
         unweighed = replace(
             under(best.laws, data, best.meet),
             held=best_fitted.data.held,
@@ -197,7 +197,7 @@ def alike(settings: Identify) -> Identify:
 
 
 def again(key: Key[Array, ""], one: Candidate, common: Fitted) -> Candidate:
-    """Fit a candidate law again to the common data, with common residual terms.
+    """Fit a candidate law again, to the data and with the residual terms common to all candidates.
 
     The number of solver steps is increased as needed.
     """
@@ -228,7 +228,7 @@ def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
 
 
 def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
-    """Return the dataset with other laws; `meet` states how several modes share joints."""
+    """Return the dataset with other laws; `meet` says how several modes share the joints."""
     modes, held = data.modes, data.held
     if modes is not None and meet:
         modes = modes._replace(meet=meet)
@@ -238,7 +238,7 @@ def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
 
 
 def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
-    """Return data with the signs and shapes of modes, and the priors, that a candidate has.
+    """Return data with a candidate's signs and shapes of modes, and with the candidate's priors.
 
     Shapes are fixed only if they were measured.
     """
@@ -334,7 +334,7 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
 
 
 def place_of(best: Fit, one: Candidate) -> Reparametrisation:
-    """Return sampling coordinates near a fit; one axis follows an undetermined direction."""
+    """Return sampling coordinates near a fit; one axis follows the least determined direction."""
     prior, optimum = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
         return along_ridge(*optimum, prior)

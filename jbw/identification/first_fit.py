@@ -137,7 +137,7 @@ def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
 
 
 def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
-    """Return the chosen fit, with the sorted final costs of all fits."""
+    """Return the chosen fit, together with the final costs of all fits in rising order."""
     return replace(chosen, waterfall=np.sort(np.concatenate([end.waterfall for end in ends])))
 
 
@@ -200,7 +200,7 @@ def explains(found: Fit) -> bool:
 def screened(
     key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """Return trial points: the start, and random points of the prior with the known values kept."""
+    """Return trial points: the start, and random points of the prior that keep known values."""
     s = np.asarray(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))))
     points = parameters_at(s, prior)
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
@@ -208,7 +208,7 @@ def screened(
 
 
 def middle_but(known: Mapping[str, float], prior: Box) -> dict[str, float]:
-    """Return known parameter values; for other parameters the middle of their prior bounds."""
+    """Return the known parameter values, and for others the middle of their prior bounds."""
     middle = from_unit(np.full(len(prior.names), 0.5), prior)
     return {name: known.get(name, float(middle[name])) for name in prior.names}
 

@@ -37,7 +37,7 @@ def scatter_of_means(data: Dataset) -> float | None:
 
 
 def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
-    """Fit a separate linear oscillator to each run; return the relative errors by run.
+    """Fit a separate linear oscillator to each run; return the relative error of each run.
 
     `known` contains omega_n, zeta and the gain of a joint, for every drive; the fits start there.
     """

@@ -205,7 +205,7 @@ def _clocked(stated: Instruments, sensors: Sensors) -> bool:
 
 
 def as_recorded(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
-    """Return the draws as they were before errors of clock and calibration were added."""
+    """Return the draws as they were before errors of clock and calibration were added to them."""
     return before[[name for name in before.data_vars if not before[name].equals(after[name])]]
 
 

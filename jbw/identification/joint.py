@@ -184,14 +184,14 @@ def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
 
 
 def names_of_laws(data: Dataset) -> set[str]:
-    """Return the names of the parameters of the laws and their products."""
+    """Return the names of the laws' parameters, and of the products of these parameters."""
     laws = laws_named(data.laws)
     names = {quantity.name for law in laws for quantity in law.table}
     return names | {product.quantity.name for law in laws for product in law.products}
 
 
 def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
-    """Return a line fit's estimates, under the parameter names of the noise test's drive."""
+    """Return a line fit's estimates, under the parameter names of the drive of the noise test."""
     drive = next((part.drive for part in data.parts if part.is_linear), "")
     is_attached = drive in attached(data.parts)
     return {

@@ -29,9 +29,10 @@ from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
 
 JOINTS = "joints"
-# A joint's effect is identified if the ends of its 99 % interval differ by a smaller factor.
+# A joint's effect is identified if the ratio of the ends of its 99 % interval is smaller than this.
 SPREAD = 2.0
-# If the ratio of losses to stiffness loss in a mode is smaller than this, the joint is a spring.
+# A joint acts as a spring in a mode if its losses there are smaller than this fraction of its
+# stiffness loss.
 NO_LOSS = 1e-9
 # A sentence states that a joint damps a mode if it causes more than this fraction of the mode's
 # losses.
@@ -41,7 +42,7 @@ BACKBONES = "backbones"
 
 
 def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.Dataset:
-    """Return the share of every joint in every driven mode, and the effect of all joints.
+    """Return the share of every joint in every driven mode, and the total effect of all joints.
 
     Variables over `joint` and `mode` refer to the largest measured motion of the mode with its free
     shape, and have quantiles: `energy_share_at_motion` is the share in the mode's strain energy,
@@ -178,7 +179,7 @@ def _identified(
     softening: Float[np.ndarray, "joint mode draw"],
     losses: Float[np.ndarray, "joint mode draw"],
 ) -> list[bool]:
-    """Return for each joint whether its effect on some mode is known to a factor of two.
+    """Return for each joint whether the joint's effect on some mode is known to a factor of two.
 
     Tied joints share one law, so any of them and any mode may determine it.
     """
@@ -238,7 +239,7 @@ def _shape_words(group: xr.Dataset) -> list[str]:
 
 
 def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
-    """Return the sentence that one joint causes most of a mode's losses, if that is clear."""
+    """Return the sentence that one joint causes most of a mode's losses, if this is certain."""
     low, middle, high = (of_mode["loss_share"].isel(quantile=i).values for i in range(3))
     if np.all(np.isnan(middle)):
         return []

@@ -236,7 +236,7 @@ def _ratios(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, "... draw"]:
-    """Extend ratios, known only for some draws, to all draws by linear regression.
+    """Extend ratios that are known only for some draws to all draws, by linear regression.
 
     The result is clipped to the range of the known ratios. It is one if the first ratio is unknown.
     """
@@ -251,7 +251,7 @@ def _linear(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, " draw"]:
-    """Extend one ratio, known only for some draws, to all draws by linear regression."""
+    """Extend one ratio that is known only for some draws to all draws, by linear regression."""
     if not np.isfinite(ratios[0]):
         return np.ones(len(steps))
     is_known = np.isfinite(ratios)
@@ -303,7 +303,7 @@ def _each_draw(
 
 
 def _at(theta: Mapping[str, Array], driven: _DrivenJoints) -> Float[Array, "two joint mode level"]:
-    """Return stiffness loss K and losses L of each joint, by mode and amplitude."""
+    """Return every joint's stiffness loss K and losses L, by mode and amplitude."""
     rows = []
     everything = {**driven.numbers, **theta}
     modes = range(1, len(driven.amplitude) + 1)

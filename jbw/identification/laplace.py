@@ -159,7 +159,7 @@ def checks_of_fit(joint: JointPosterior, weighted: WeightedDraws | None) -> Chec
 
 
 def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
-    """Return findings that question a fit's laws and bounds: no hysteresis, draws at a bound."""
+    """Return findings that question a fit: no hysteresis, or a parameter at a prior bound."""
     data = ready.data
     findings = []
     if (added := effects(drawn, data.held, ready.y_peak, data.laws)) is not None:
@@ -225,7 +225,7 @@ def laplace_draws(
 
 
 def gaussians_about(ready: Fitted) -> list[Gaussian]:
-    r"""Return the Gaussian at a fit; with run offsets, one Gaussian per grid value of their sd.
+    r"""Return the Gaussian at a fit; with run offsets, one per grid value of the offsets' sd.
 
     $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
       P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$

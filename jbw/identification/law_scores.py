@@ -76,7 +76,7 @@ def each_run(one: Candidate) -> dict[str, HeldOut]:
 def left_out(
     key: Key[Array, ""], one: Candidate, draws: xr.DataTree, about: Reparametrisation
 ) -> LeftOut:
-    """Predict each run from the other runs; return the log predictive density and the error.
+    """Predict each run from the other runs; return log predictive densities and relative errors.
 
     Draws of the whole posterior are weighted again, as if without the run. If a run moves the
     posterior far, these weights are poor, as k-hat shows, and points near a fit without the run are
@@ -113,7 +113,7 @@ def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
-    """Return factors that rescale the likelihood terms of held-out groups; None if impossible.
+    """Return factors on the likelihood terms of held-out groups; None if rescaling is impossible.
 
     The factors lead from the terms of `rest`, where these groups are silenced, to those of `data`.
 
@@ -175,7 +175,7 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
 
 
 def _error_of(piece: HeldOut, candidate: Candidate) -> float:
-    """Return the relative error of held-out data groups; each run may have its own omega_n."""
+    """Return the relative error of held-out data groups, with a separate omega_n for each run."""
     fitted = candidate.fitted
     errors = errors_with_own_frequency(piece.fit, fitted.box, fitted.data)
     return rms([errors[label] for label in piece.labels if label in errors])

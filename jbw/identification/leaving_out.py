@@ -171,7 +171,7 @@ def _gained(best: Fit, piece: HeldOut, prior: Box) -> float:
 
 
 def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[str, float]) -> float:
-    """Return the relative error of several data groups taken together."""
+    """Return the relative error of several data groups, computed over all their values together."""
     sized = [label for label in labels if label in sizes]
     size = np.array([sizes[label] for label in sized])
     missed = size * [errors[label] for label in sized]
@@ -249,7 +249,7 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
-    r"""Return each record's standard error from its own residual / that of the common fit.
+    r"""Return each record's standard error, divided by that from the common fit's residual.
 
     $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: the residual of one law for all records is
     misfit. Little of it remains for each record alone, and a larger fraction f of that is
@@ -289,7 +289,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
 def _scatter(
     estimate: Float[np.ndarray, " record"], std: Float[np.ndarray, " record"]
 ) -> tuple[float, float]:
-    """Return how much records vary beyond their errors, with the p-value of this variation."""
+    """Return how much records vary beyond their errors, and the probability of this by chance."""
     degrees = len(estimate) - 1
 
     def beyond(variance: float) -> float:
@@ -297,7 +297,8 @@ def _scatter(
         mean = np.sum(weight * estimate) / np.sum(weight)
         return float(np.sum(weight * (estimate - mean) ** 2)) - degrees
 
-    # With a standard deviation of twice the range, any difference is possible.
+    # If the standard deviation is twice the range of the values, any difference between records is
+    # possible.
     most = 4 * float(np.ptp(estimate)) ** 2
     variance = 0.0
     if beyond(0.0) > 0:

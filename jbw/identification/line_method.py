@@ -44,7 +44,7 @@ class LineFit:
 
 
 def line_fit_start(frf: FRF) -> NDArray[np.float64]:
-    r"""Return (omega_n, zeta, gain) by linear least squares on 1/H, to start `line_fit`.
+    r"""Return (omega_n, zeta, gain) by linear least squares on 1/H, as the start of `line_fit`.
 
     $$\frac1H = \frac{\omega_n^2}{g} - \frac{\omega^2}{g} + j\omega\,\frac{2\zeta\omega_n}{g}$$
 

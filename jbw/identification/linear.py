@@ -17,7 +17,8 @@ from jbw.measurement.spectra import FRF
 Residuals = Literal["none", "upper", "both"]
 
 NUM_RESIDUALS = {"none": 0, "upper": 1, "both": 2}
-# If the probability of their variation is larger than this, the errors of the fits explain it.
+# If the probability of the variation of the repeats is larger than this, errors of the fits explain
+# it.
 SCATTER_P = 0.01
 
 

@@ -16,7 +16,7 @@ PART = 0.6
 
 
 def forget_when_many() -> bool:
-    """Release compiled code if a process nears its limit of memory mappings; return if it did.
+    """Release compiled code near the limit of memory mappings; return whether it was released.
 
     Otherwise the process would die in the compiler without a message.
     """

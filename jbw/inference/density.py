@@ -23,7 +23,7 @@ NEAR = 1e-3  # relative step from the end of the support, at which a density is 
 
 
 class Density(tuple[float, float]):
-    """A prior density; read as a pair of numbers, it is the bounds outside which it is negligible.
+    """A prior density; as a pair of numbers, it gives the bounds beyond which it is negligible.
 
     Attributes:
         family: Name of the distribution in `numpyro.distributions`.
@@ -75,7 +75,7 @@ def _rebuilt(family: str, arguments: Any, distribution: Any) -> Density:
 
 
 def density_of(stated: Any) -> Density:
-    """Return the density that a table with one name, or a NumPyro distribution, states.
+    """Return the density stated by a NumPyro distribution, or by a table with its name.
 
     Raises:
         ValueError: It states no density; the message gives the reason.
@@ -94,7 +94,7 @@ def density_of(stated: Any) -> Density:
 
 
 def _arguments(distribution: Any) -> dict[str, float]:
-    """Return the arguments of a distribution by name; empty if they are not numbers."""
+    """Return a distribution's arguments by name; no arguments if they are not all numbers."""
     try:
         return {name: float(getattr(distribution, name)) for name in distribution.arg_constraints}
     except (AttributeError, TypeError, ValueError):

@@ -43,7 +43,7 @@ def solved_first(solver: Solver) -> Callable[[Any], Any]:
 
 
 def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
-    """Return a decorator for functions of (theta, data) that need only the part of data `seen`.
+    """Return a decorator for functions of (theta, data) that use only the data that `seen` keeps.
 
     Programs depend on all data that are not arrays, such as names. `seen` removes names that do not
     matter to the function, so that data of equal shapes share a program.

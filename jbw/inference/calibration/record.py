@@ -173,7 +173,8 @@ def ecdf_envelope(
     def excess(log_gamma: float) -> float:
         return _stays_inside(num_replications, num_ranks, float(np.exp(log_gamma))) - level
 
-    # Bonferroni's bound is safe; the level of a single point would be too narrow.
+    # The smallest level to search is Bonferroni's, at which bounds are certainly too wide; at the
+    # largest, the level of a single point, they are too narrow.
     least = np.log((1 - level) / num_ranks) - 1.0
     most = 0.0 if num_ranks == 1 else np.log(1 - level) + 0.1
     root: float = brentq(excess, least, most, xtol=1e-3)  # pyright: ignore
@@ -195,7 +196,7 @@ def _law(num_replications: int, num_ranks: int) -> stats.distributions.rv_frozen
 def _bounds(
     num_replications: int, num_ranks: int, gamma: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the bounds that a count leaves on each side with probability gamma/2 at most."""
+    """Return the bounds beyond each of which a count lies with probability gamma/2 at most."""
     law = _law(num_replications, num_ranks)
     lower, upper = law.ppf(gamma / 2), law.isf(gamma / 2)
     # The quantile of a discrete distribution is the count or one of its neighbours.

@@ -180,7 +180,7 @@ def _ranks(key: Key[Array, ""], replication: _Replication, model: Model, num_ran
         return jnp.stack([*parameters, likelihood, *derived])
 
     shape = draws[model.box.names[0]].shape
-    # Append the true values to the draws, so that quantities are compiled once.
+    # Append the true values to the draws, because each quantity is then compiled only once.
     rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in draws.items()}
     quantities = in_batches(values, rows)
     of_draws = quantities[:-1].reshape(*shape, -1)

@@ -43,15 +43,17 @@ STEP = 1e-5
 # Widest finite difference at an optimum, in the search coordinate; over wider ones, residuals are
 # not linear.
 WIDEST = 0.02
-# Largest ratio of standard errors before and after widening for which the first differences
-# suffice, the same for later ones, and the largest number of widenings.
+# Wider differences are not needed if they change no standard error by more than the first factor.
+# Otherwise differences are widened until errors change by less than the second factor, at most as
+# often as the third number says.
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12
 UNIFORM = 12.0  # inverse variance of a uniform prior on the unit cube
 # A residual of this size or more is rejected, because its square may overflow.
 OUT_OF_REACH = 1e100
-# The coordinate, a hyperbolic sine, is nearly a logarithm above this fraction of the upper bound.
+# A hyperbolic sine serves as search coordinate for a parameter whose lower bound is zero or less.
+# Above this fraction of the upper bound, the coordinate is nearly a logarithm.
 NEAR_ZERO = 0.01
-# It is used if a lower bound of zero or less has a magnitude below this fraction of the upper
+# This coordinate is used only if the lower bound's magnitude is below this fraction of the upper
 # bound.
 LOPSIDED = 0.5
 
@@ -185,7 +187,7 @@ def precision(
 def trust_region(
     part: Part, start: NDArray[np.float64], max_evaluations: int, tolerance: float
 ) -> OptimizeResult:
-    r"""Minimise by scipy's trust region in search coordinates; reject points that cannot be solved.
+    r"""Minimise by scipy's trust region in search coordinates; reject points without a solution.
 
     $$[J \; r] = Q R: \qquad J^T J, \; J^T r \; \text{and} \; r^T r \; \text{are those of} \; R$$
 

@@ -199,7 +199,7 @@ def _solve(
         end = optx.least_squares(of_logit, solver, u, data, max_steps=MOST_STEPS, throw=False).value
         return jax.nn.sigmoid(end), 0.5 * jnp.sum(of_logit(end, data) ** 2)
 
-    # Starts run one after another: each takes a different number of steps.
+    # Starts run one after another, because each takes a different number of steps.
     return jax.lax.map(from_start, x_starts)
 
 

@@ -81,7 +81,7 @@ def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
 def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
     """Return which parameters clearly differ from zero when all others are fixed."""
     std = np.sqrt(np.diag(covariance))
-    # draws of chains that never moved
+    # The draws have no variation if no chain has ever moved.
     if not (np.all(np.isfinite(covariance)) and np.all(std > 0)):
         return np.zeros(len(std), bool)
     conditional = std / np.sqrt(np.diag(np.linalg.pinv(covariance / np.outer(std, std))))
@@ -123,7 +123,7 @@ def _determined(
     directions: Float[np.ndarray, "parameter weak"],
 ) -> Float[np.ndarray, "combination parameter"]:
     """Return combinations of parameters that the data determine, as exponents in rows."""
-    # Combinations share the parameters that vary most along the weak directions.
+    # All combinations may contain the parameters that vary most along the weak directions.
     first = 1 / (1 + NEAR * np.arange(len(directions)))
     decomposition: Any = qr(directions.T * first, mode="r", pivoting=True)
     order = decomposition[1]
@@ -137,7 +137,7 @@ def _determined(
 
 
 def combination(names: Sequence[str], exponents: NDArray[np.float64], logs: bool) -> str:
-    """Format a product of powers (`logs`) or a weighted sum of parameters, with rounded numbers."""
+    """Format a product of powers (if `logs`) or a weighted sum of parameters; round the numbers."""
     parts = [
         (name, _rounded(float(exponent)))
         for name, exponent in zip(names, exponents, strict=True)
@@ -174,7 +174,7 @@ class Sensitivity:
 
 
 def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str, float]:
-    r"""Return how much data narrow each product: $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
+    r"""Return each product's contraction, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
 
     It is NaN if the prior's variance is infinite. Logarithms are used as in `information`: in a box
     over decades, a value known to within a factor of two would otherwise count as determined.
@@ -192,7 +192,7 @@ def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str
 
 
 def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
-    """Return whether bounds make a parameter positive, or draws show that it is not zero."""
+    """Return whether bounds make a parameter positive, or draws exclude that it is zero."""
     if lower != 0:
         return lower > 0
     return bool(np.min(draws) > 0 and np.mean(draws) > RESOLVED * np.std(draws))

@@ -46,7 +46,7 @@ class Search(NamedTuple):
 def locate(
     key: Key[Array, ""], search: Search, log_likelihood: LogLikelihood, box: Box, data: PyTree
 ) -> Problem:
-    """Find the optimum of a posterior, and return the posterior in coordinates around it."""
+    """Find the optimum of a posterior; return the posterior in coordinates around this optimum."""
     outer = Logarithms(tuple(name in search.logs for name in box.names))
     lower, upper = outer.inverse(box.lower), outer.inverse(box.upper)
     inner = unit(lower, upper)
@@ -66,7 +66,7 @@ def locate(
     logit = interval(*bounds).inverse(inner.forward(optimum.u))
     x = jax.nn.sigmoid(logit)
     slope = (upper - lower) / ((bounds[1] - bounds[0]) * x * (1 - x))
-    # This is the Gaussian approximation at the optimum.
+    # The Gaussian approximation at the optimum gives the scale of the coordinates.
     root = jnp.linalg.cholesky(optimum.jacobian.T @ optimum.jacobian)
     factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(x.size), lower=True).T
     whitening = Affine(logit, slope[:, None] * factor)
@@ -103,7 +103,7 @@ def _descend(
         normal = at.jacobian.T @ at.jacobian
         shaped = normal + at.damping * jnp.diag(jnp.diagonal(normal))
         move = jnp.linalg.solve(shaped, at.jacobian.T @ at.residuals)
-        # The first step does not move the point: in this way the program contains the Jacobian only
+        # The first step does not move the point, so that the program contains the Jacobian only
         # once.
         u = jnp.where(i == 0, at.u, jnp.clip(at.u - move, -BEYOND, 1 + BEYOND))
         jacobian, residuals = jax.jacfwd(both, has_aux=True)(u)

@@ -44,8 +44,11 @@ logger = logging.getLogger("jbw")
 FLAT = 0.1  # A smaller change of chi-square does not show that one value is better than another.
 PLACES = 4  # number of points of a profile on each side of the fit, up to `REACH`
 REACH = 3.0  # range of a profile in standard deviations, slightly beyond the 2.58 of 99 %
-MOST_FURTHER = 6  # largest number of points beyond that range, each twice as far as the one before
-MOST_EVALUATIONS = 12  # evaluations per point, since the optimum of the neighbouring point is close
+# largest number of points beyond `REACH`, each twice as far from the fit as the one before
+MOST_FURTHER = 6
+# Few evaluations per point are enough, because each search starts at the optimum of the point
+# before.
+MOST_EVALUATIONS = 12
 TOLERANCE = 1e-7  # relative tolerance of the cost and of the step
 ON_BOUND = 1e-6  # A fit closer to a bound than this fraction of the prior's width lies on it.
 # largest rise between two points, in standard deviations, for which a profile is taken as linear
@@ -76,7 +79,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class QuantityInformation:
-    """A parameter or product: value, standard deviation, and the latter's ratio to the prior's."""
+    """A parameter or product: its value, its standard deviation, and the ratio to the prior's."""
 
     text: str
     value: float
@@ -309,7 +312,7 @@ def _profile(
 
 
 def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None:
-    """Return where the root of chi-square (linear for a Gaussian) first exceeds the threshold."""
+    """Return where chi-square first exceeds the threshold, by interpolation of its square root."""
     level = np.sqrt(THRESHOLD)
     beyond = np.flatnonzero(root >= level)
     if not beyond.size:

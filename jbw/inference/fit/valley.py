@@ -42,7 +42,7 @@ PART = 0.3
 
 
 class Floor(NamedTuple):
-    """The bottom of a valley: the optimum of all other parameters for each value of one parameter.
+    """The bottom of a valley of chi-square: for each value of one parameter, the others' optimum.
 
     Attributes:
         held: Index of the fixed parameter.
@@ -60,7 +60,7 @@ class Floor(NamedTuple):
 
 
 class Valley(Coordinate):
-    """Coordinates of a curved valley: one parameter, distances of the others from its bottom."""
+    """Coordinates in a curved valley: one parameter, and distances of others from the bottom."""
 
     held: int = eqx.field(static=True)
     knots: Float[Array, " knot"]
@@ -69,12 +69,12 @@ class Valley(Coordinate):
     roots: Float[Array, "knot other other"]
 
     def forward(self, x: Vector) -> Vector:
-        """Return the parameters at given distances from the bottom of the valley."""
+        """Return the parameters at given distances from the bottom of the posterior's valley."""
         floor, root = self._at(x[self.held])
         return x.at[self._others].set(floor + root @ x[self._others])
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the distances of parameters from the bottom of the valley."""
+        """Return the distances of parameters from the bottom of the posterior's valley."""
         floor, root = self._at(y[self.held])
         away = jax.scipy.linalg.solve_triangular(root, y[self._others] - floor, lower=True)
         return y.at[self._others].set(away)
@@ -90,7 +90,7 @@ class Valley(Coordinate):
     def _at(
         self, q: Float[Array, ""]
     ) -> tuple[Float[Array, " other"], Float[Array, "other other"]]:
-        """Return the valley's bottom, and its covariance's root, at a value q of the parameter."""
+        """Return the optimum of the other parameters, and their covariance's root, at a given q."""
         i = jnp.clip(jnp.searchsorted(self.knots, q) - 1, 0, self.knots.size - 2)
         length = self.knots[i + 1] - self.knots[i]
         part = jnp.clip((q - self.knots[i]) / length, 0.0, 1.0)

@@ -44,7 +44,7 @@ def scatter_grid(
     assemblies: bool = False,
     medians: tuple[float | None, ...] = (),
 ) -> Float[np.ndarray, "node level_own"]:
-    """Return equally probable values of the standard deviations of runs, and of assemblies if any.
+    """Return equally probable standard deviations between runs, and between assemblies if stated.
 
     The logarithm of each scatter is uniform from `least` to `most`, with one node if they are
     equal. If a median is stated, the scatter is log-normal instead, within a factor of two in two

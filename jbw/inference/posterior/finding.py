@@ -170,7 +170,7 @@ def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = 
 
 
 def answered(findings: Sequence[Finding]) -> Status:
-    """Return the status of one question: the grade of the law if there is one, else the worst."""
+    """Return the status of one question: the law's grade if there is one, else the worst status."""
     grade = next((finding for finding in findings if finding.code == GRADE), None)
     return grade.status if grade else worst_of({finding.status for finding in findings})
 

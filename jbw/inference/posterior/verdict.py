@@ -134,7 +134,7 @@ def bands_finding(draws: Draws) -> Finding:
 
 
 def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
-    """Yield each parameter that a prior bound truncates, with the bound and the draws near it.
+    """Yield each parameter that a prior bound truncates, the bound's side, and its share of draws.
 
     A lower bound of zero is not reported: a quantity ends there naturally, and an upper limit is a
     valid result.
@@ -320,7 +320,7 @@ def _repeated(
 
 
 def _error(side: Float[np.ndarray, "chain draw"]) -> float:
-    """Return the standard error of a mode's weight; NaN if the chains disagree on it."""
+    """Return the standard error of a mode's weight; NaN if the chains disagree on the weight."""
     row = diagnose(side)
     crossed = row["ess_bulk"] >= CROSSED and not row["r_hat"] >= AGREED
     return float(side.std() / np.sqrt(row["ess_bulk"])) if crossed else float("nan")

@@ -130,7 +130,7 @@ class LogitMoments(NamedTuple):
 
 
 def located(problem: Problem) -> LogitMoments:
-    r"""Find a posterior's mean and covariance on shrinking grids, as its likelihood is raised.
+    r"""Find a posterior's mean and covariance on shrinking grids, with rising likelihood powers.
 
     $$p_\beta \propto \pi\, L^\beta, \qquad 0 < \beta_1 < \dots \le 1$$
 
@@ -177,7 +177,7 @@ def located(problem: Problem) -> LogitMoments:
 def _raised(
     problem: Problem, grid: Grid, power: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, " node"]]:
-    """Return the highest likelihood power that a grid resolves, with the log density at it."""
+    """Return the highest likelihood power that a grid resolves, and the log density at this."""
     placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, grid.whitening)
     prior = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes) - log_volume(problem.box)
     likelihood = grid.log_p - prior

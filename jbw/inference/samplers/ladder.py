@@ -190,7 +190,7 @@ def is_good(tree: xr.DataTree, until: Until | None) -> bool:
 
 
 def about_draws(tree: xr.DataTree, box: Box, place: Reparametrisation) -> Reparametrisation:
-    """Return coordinates from moments of weighted draws, or `place` if too few are effective."""
+    """Return coordinates from moments of weighted draws; `place` if too few draws are effective."""
     enough = tree.attrs["ess_weights"] >= WORTH * len(box.names)
     return by_moments(scalars(tree), box, place) if enough else place
 
@@ -200,7 +200,7 @@ def choose(
     target: Target,
     parametrisations: Places,
 ) -> tuple[str, Reparametrisation, int]:
-    """Choose the coordinates with most effective trial points; also return the number of points.
+    """Return the coordinates with the most effective trial points, and the number of these points.
 
     If many of the points are effective, no other coordinates are tried. Coordinates that cost
     evaluations come last. Near a curved valley, good-looking weights may cover only a part of it.

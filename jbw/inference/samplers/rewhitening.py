@@ -72,7 +72,8 @@ def sample_until(
             break
         if not (last or agree(draws)):
             coordinates = by_moments(draws, target.box, coordinates)
-        elif until is None or "rounds" in tree.attrs:  # These draws have already been extended.
+        # A sampler that works in rounds has already taken more draws until there were enough.
+        elif until is None or "rounds" in tree.attrs:
             break
         elif tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
             break

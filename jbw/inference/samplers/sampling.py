@@ -47,7 +47,7 @@ REQUESTED = (*LEAST, "chain_method")
 SHARED = (*REQUESTED, "options", "attrs", *Supervision._fields)
 SamplerOutput = tuple[
     Draws, NDArray[np.float64], float
-]  # returned: draws, log likelihoods, and the time spent before [s]
+]  # the draws, their log likelihoods, and the time spent in earlier runs [s]
 _drawn = eqx.filter_jit(draws_of)
 
 

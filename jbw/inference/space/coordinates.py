@@ -166,7 +166,7 @@ class Composed(Coordinate):
         return y
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the sum of the parts' log determinants, each at the point that it receives."""
+        """Return the sum of all changes' log determinants, each at the point that it maps."""
         total = jnp.zeros(())
         for part in self.parts:
             total = total + part.log_abs_det_jacobian(x)

@@ -42,7 +42,7 @@ Member = Float[Array, " member"]
 
 
 class Ridge(Coordinate):
-    """Coordinates near a ridge: unaffected parameters, w across the ridge, and r along it.
+    """Coordinates near a ridge of the posterior: w across it, r along it, and other parameters.
 
     Its `members` have bounds `lower` and `width`; s_0 is the `origin`, B is `across`, v is `along`.
     """
@@ -63,7 +63,7 @@ class Ridge(Coordinate):
         return self._joined(x[: len(self.others)], self.lower + s * self.width)
 
     def inverse(self, y: Vector) -> Vector:
-        """Return the ridge coordinates of a point of the parameters."""
+        """Return coordinates along and across the posterior's ridge for given parameters."""
         s = (y[np.array(self.members)] - self.lower) / self.width
         w, tau = self.across.T @ (s - self.origin), self.along @ (s - self.origin)
         low, high = walls(self.origin + self.across @ w, self.along)
@@ -72,7 +72,7 @@ class Ridge(Coordinate):
         return jnp.concatenate([others, w, r[None]])
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the log determinant: the log length of the ridge within the bounds."""
+        """Return the log determinant: the log of the ridge's length between the prior bounds."""
         low, high = walls(self._foot(x), self.along)
         length = jnp.where(high > low, high - low, 1.0)
         log_length = jnp.log(length) + jnp.sum(jnp.log(self.width))
