@@ -193,7 +193,7 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
 
 
 def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Return whether a test moves a mode: its source drives it, or it is that mode's decay."""
+    """Return whether a test moves a mode: its source drives the mode, or the test is its decay."""
     if not test.traits.is_free:
         return passes(test, window_hz)
     if test.band_hz is None:

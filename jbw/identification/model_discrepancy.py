@@ -108,7 +108,7 @@ class NoiseSquares(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """The squared residual after shifts of frequency and damping, with its expected value."""
+    """The squared residual that shifts of frequency and damping leave, with its expected value."""
 
     square: float
     mean: float
@@ -125,7 +125,7 @@ class Rest(NamedTuple):
 
 
 class LeftOutRun(NamedTuple):
-    """The discrepancy of one run from its prediction by the fit without it."""
+    """The errors of a run's prediction by the fit without this run."""
 
     shift: Float[np.ndarray, " own"]  # error of the law in omega_n [rad/s] and zeta
     std: Float[np.ndarray, " own"]  # standard errors of the shift; infinite if it is not determined
@@ -289,7 +289,7 @@ def coefficients_of(slopes: Float[np.ndarray, "value own"]) -> Float[np.ndarray,
 def root_of(
     covariance: Float[np.ndarray, "parameter parameter"],
 ) -> Float[np.ndarray, "parameter parameter"]:
-    """Return a root R of a covariance R R^T, even if rounding has made it indefinite."""
+    """Return a root R of a covariance R R^T, even if rounding has made R R^T indefinite."""
     std = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
     return std[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
@@ -348,7 +348,7 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
-    """Return a free decay's errors of frequency and damping, relative to its own beginning.
+    """Return a free decay's errors of frequency and damping, relative to the decay's beginning.
 
     The uncertainty of its damping includes that of the parameters, taken from `of_run`.
     """
@@ -392,7 +392,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     residuals, slopes = residual_by_label(best.residual, data), slopes_of(best, prior, data)
     noise = _noise_alike(residuals, data) | repeated
     stay_in = _decays(data) - {run for group in fits for run in group}
-    # The remaining decays took part in the fit.
+    # Of a test whose decays are partly held out, the remaining decays took part in the fit.
     fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}
     shown = {
         run: _placed(_shown_by(run, fit, slopes, prior, noise, natural), run, group, amplitudes)
@@ -420,7 +420,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
 def _shown_by(
     run: str, fit: Fit, slopes: Slopes, prior: Box, noise: NoiseOf, natural: float
 ) -> LeftOutRun:
-    """Return the discrepancy of a held-out run; for a decay, relative to its own beginning."""
+    """Return the discrepancy of a held-out run; that of a decay is relative to its beginning."""
     of_run = left_out_run(run, fit, slopes, prior, noise)
     decay = _drift(run, fit, slopes.data)
     return of_run if decay is None else by_drift(of_run, decay, natural)
@@ -429,7 +429,7 @@ def _shown_by(
 def _placed(
     of_run: LeftOutRun, run: str, group: Sequence[str], amplitudes: Mapping[str, float]
 ) -> LeftOutRun:
-    """Return a run's discrepancy, with the run's amplitude relative to that of the fitted runs."""
+    """Return a run's discrepancy, with the run's amplitude divided by the largest fitted one."""
     others, y_high = [y for name, y in amplitudes.items() if name not in group], _y_high(amplitudes)
     lowest, highest = min(others, default=0.0), max(others, default=0.0)
     return of_run._replace(
@@ -548,8 +548,8 @@ def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> M
         scatter = scatter_by_amplitude(
             b, error, amplitude, grown, num_fits, correlation, judged=judged or by_runs
         )
-        # Bands already include the variation between runs, so a discrepancy that chance explains is
-        # not added to it.
+        # Bands already include the variation between runs. Therefore a discrepancy that chance
+        # explains is not added.
         missed = 0.0 if by_runs else missed_in_all(b, of_noise, grown, num_fits)
         scatters.append(scatter._replace(whole=max(scatter.std, missed)))
     omega_n, zeta = scatters
@@ -618,7 +618,7 @@ def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
 
 
 def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, NoiseSquares]:
-    """Estimate the noise of data groups without repeats from similar groups.
+    """Estimate the noise of data groups without repeats from other groups of the same kind.
 
     The noise per value is the median mean square residual of other groups of its kind, or of the
     group itself if there are none, because bands use it as noise. The white part of a noisier
@@ -667,7 +667,7 @@ def _rest(
     fraction: float,
     uncertain: Inexact[np.ndarray, "value parameter"] | None = None,
 ) -> Rest:
-    r"""Return a squared residual, its expected value $N n + |M|^2$, and its variance."""
+    r"""Return a squared residual, its expected value $N n + |M|^2$ from noise, and its variance."""
     moved = np.zeros((len(row), 0)) if uncertain is None else uncertain
     real = real_rows(moved)
     count, of_errors, products = _count(row), float(np.sum(real**2)), real.T @ real
@@ -721,5 +721,5 @@ def _square(row: Row) -> float:
 
 
 def _count(row: Row) -> int:
-    """Return the number of real values in a row; a complex value counts as two."""
+    """Return the number of real values in a row of values; a complex value counts as two."""
     return len(row) * (2 if np.iscomplexobj(row) else 1)

@@ -44,14 +44,14 @@ under_way = logging.getLogger("jbw.progress")
 
 
 class Readings(NamedTuple):
-    """Starting values of all joints' laws, and sentences on whether joints explain the modes."""
+    """Starting values of all laws, and sentences on whether the model's joints explain modes."""
 
     known: dict[str, float]
     statements: tuple[str, ...]
 
 
 class _Reading(NamedTuple):
-    """The softening s and the opening o that one mode determines, with standard errors and slip."""
+    """The softening s and the loop opening o that one mode determines, with errors and slip."""
 
     value: Float[np.ndarray, " product"]
     std: Float[np.ndarray, " product"]
@@ -134,7 +134,7 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
 
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the products of small motion: softening alpha delta, loss alpha gamma."""
+    """Return the products that small motion determines: softening alpha delta, loss alpha gamma."""
     s, o = BoucWenLaw.of(theta).weak_motion()
     return {"s": jnp.asarray(s), "o": jnp.asarray(o)}
 

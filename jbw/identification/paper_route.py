@@ -82,8 +82,8 @@ def _steps(
     steps = step3.third_order_steps(next(keys), kernel_fit, settings, **how)
     drive = drive_of(linear.test)
     if swept := by_form([test for test in seen.swept if drive_of(test) == drive]):
-        # Use only the group of equally sampled sweeps with the most levels: gamma's curve then
-        # needs one solution.
+        # Use only the group of equally sampled sweeps with the most levels, because the curve over
+        # gamma then needs one simulation.
         report(stages.STEP_4)
         records = Records.of(max(swept, key=len), substeps=settings.substeps)
         held = steps["third_order_nuts"]

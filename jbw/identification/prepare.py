@@ -110,7 +110,8 @@ def weighed(
     """Fit a dataset and determine its weights; leave coordinates and solver steps as they are."""
     prior, first, data = first_fit(keys[0], data, settings, known, start=start)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
-    best = replace(ready.fit, waterfall=first.waterfall)  # Later fits have only one start.
+    # Later fits need only one start: the first optimum.
+    best = replace(ready.fit, waterfall=first.waterfall)
     return replace(ready, fit=best, chi_square=explained(first, data))
 
 
@@ -146,7 +147,7 @@ def with_effects(
         under_way.info("offsets of the runs")
         data = with_offsets(best, shifts, data, settings.run_scatter)
         best = refit(best, prior, data, tolerance=between)
-        # Linearise the records about these offsets, which are now known.
+        # Linearise the records about the offsets of this fit.
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
         best = refit(best, prior, data, tolerance=between)
         best, data = settled(best, prior, data, settings, tolerance=between)

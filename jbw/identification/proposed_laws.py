@@ -86,7 +86,7 @@ def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> Ch
 
 
 def remains_of(best: Fit, data: Dataset) -> tuple[float, bool]:
-    """Return the rms of the groups' relative errors, and whether their residuals are white."""
+    """Return the rms of the data groups' relative errors, and whether their residuals are white."""
     error, found = errors_and_colour(best, data)
     mean_square = np.mean(np.square([*error.values()]))
     return float(np.sqrt(mean_square)), found is None or found.status == "ok"

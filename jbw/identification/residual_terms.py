@@ -48,7 +48,7 @@ Bounds = dict[str, tuple[float, float]]
 
 
 class Taken(NamedTuple):
-    """The prior with accepted residual terms, the fit with these terms, and sentences on them."""
+    """The prior with the accepted residual terms, the fit with them, and sentences on them."""
 
     box: Box
     fit: Fit
@@ -150,13 +150,13 @@ def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float,
 
 
 def _falls(before: Fit, after: Fit, growth: float = GROWTH) -> bool:
-    """Return whether chi-square falls clearly: by more than `growth` and by more than a tenth."""
+    """Return whether chi-square falls clearly: by more than `growth`, and by more than a tenth."""
     gained = 2 * (before.cost - after.cost)
     return gained > growth and gained > SHARE * 2 * before.cost
 
 
 def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
-    """Return whether residuals are correlated in those data that may have residual terms."""
+    """Return whether residuals are correlated in data that may have terms of other modes."""
     residuals = residual_by_label(best.residual, data)
     labels = (
         label for part in data.parts if part.residuals in takers for label in part.groups.labels

@@ -206,7 +206,7 @@ def sizes_of_runs(part: Observable) -> dict[str, float]:
 
 
 def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
-    """Return zeta's relative sd between levels, from repeats; None if the campaign states runs."""
+    """Return zeta's relative sd between levels, estimated from repeats; None if runs are stated."""
     if not are_levels(data):
         return None
     repeats = scatter_of_repeats(shifts, sizes_of(data)) or 0.0
@@ -264,7 +264,7 @@ def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, 
 
 
 def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
-    """Return the dataset with the standard deviations between runs, estimated at a fit.
+    """Return the dataset with the standard deviations between runs, estimated from a fit.
 
     This is the root mean square of the scatter's density, because the likelihood integrates over
     it.

@@ -38,7 +38,7 @@ def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
 
 
 def linear_test(tests: Sequence[Test]) -> Test | None:
-    """Return the noise or multisine test with the lowest level, for the line fit (Step 2)."""
+    """Return the noise or multisine test of the lowest level, which the line fit (Step 2) uses."""
     noise = [test for test in tests if test.traits.is_broadband]
     return min(noise, key=LEVEL, default=None)
 

@@ -15,8 +15,8 @@ from jbw.oscillator.attachment import Attachment, attached
 from jbw.report.messages import instruments as messages
 
 ROLES = ("input", "force", "drive_point")
-# Extension of the band on each side, relative to its width: it separates mass, stiffness, delay and
-# damping.
+# The band is extended on each side by this multiple of its width, because only a wide band
+# separates mass, stiffness, delay and damping.
 WIDER = 1.5
 OCTAVE = 2.0
 # A spectral line is not driven if it is below this fraction of the voltage's largest line.
@@ -111,7 +111,7 @@ def _modes(
 def _driven(
     voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the band, extended by 1.5 widths on each side as far as the voltage drives it.
+    """Return the band, extended by 1.5 widths on each side where the voltage drives the structure.
 
     It is widened by at most an octave, because noise of a sensor at low frequencies is a large
     displacement.

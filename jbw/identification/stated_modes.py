@@ -234,7 +234,7 @@ def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
 
 
 def _invariants(laws: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return parameters, or ratios of two parameters, that need no units of length or force."""
+    """Return parameters, or ratios of two, that do not depend on the units of length and force."""
     invariants: dict[str, tuple[str, ...]] = {}
     by_unit: dict[str, str] = {}
     for quantity in quantities_of(laws):

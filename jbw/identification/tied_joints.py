@@ -56,7 +56,7 @@ DECISIVE = 3.0  # difference of log evidence that decides between laws: 20 to 1 
 # is tried at each of them, or no change.
 MOST = 12
 
-# Laws that are tried by default: none, elastic, and hysteretic ones.
+# laws that are tried by default: no law, elastic laws, and hysteretic laws
 USUAL: tuple[Laws, ...] = ((), ("cubic",), ("bouc_wen",), ("bouc_wen_nu",), ("iwan4",))
 
 
@@ -123,7 +123,7 @@ def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
 
 
 def tied_laws(laws: Laws) -> Laws:
-    """Return laws that joints with the same kind of law share."""
+    """Return the laws that joints share if all joints with the same kind of law have equal laws."""
     kinds = {
         joint: tuple(split(law)[0] for law in laws if joint in split(law)[1])
         for joint in joints_of(laws)
@@ -156,7 +156,7 @@ def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedE
 
 
 def tied_fit(own: Fitted, laws: Laws, modes: Modes, settings: Identify) -> Fitted:
-    """Fit shared laws to the same data, starting from the law of each joint in turn."""
+    """Fit shared laws to the same data as separate laws, starting from each joint's law in turn."""
     data, settings = tried_under(laws, own.data, "", settings)
     own_names = {name for law in own.data.laws for name in law_named(law).names()}
     bounds = {n: pair for n, pair in bounds_by_name(own.box).items() if n not in own_names}
@@ -181,7 +181,7 @@ def _most_joints(laws: Laws) -> int:
 
 
 def _weighed(key: Key[Array, ""], candidate: Candidate) -> WeighedPoints:
-    """Draw weighted points around a fit; if their weights are poor, also along its valley."""
+    """Draw weighted points around a fit; if the weights are poor, also along the fit's valley."""
     fitted = candidate.fitted
     best, prior, data = fitted.fit, fitted.box, fitted.data
     about_fit = weighed_in(key, prior, data, {"fit": lambda: place_of(best, candidate)})

@@ -79,7 +79,7 @@ def _energy_shares(modes: Modes, joints: Sequence[str]) -> dict[Place, float]:
 
 
 def first_factors(data: Dataset) -> dict[str, float]:
-    """Return the starting values of the factors: one, as in the model."""
+    """Return the starting values of the factors on joint motions: one, as in the model."""
     return {} if data.modes is None else dict.fromkeys(shape_factors(data.modes, data.laws), 1.0)
 
 
@@ -101,7 +101,7 @@ def with_stated_priors(settings: Identify, data: Dataset) -> Dataset:
 
 
 def require_inferred(modes: Modes, laws: Sequence[str], prior: Mapping[str, Any]) -> None:
-    """Raise a ConfigError if a prior is stated for a factor that is not inferred.
+    """Raise a ConfigError if a prior is stated for a motion factor that is not inferred.
 
     Raises:
         ConfigError: There is such a prior.

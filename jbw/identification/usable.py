@@ -58,7 +58,7 @@ def usable(
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
-    """Return the test for the line fit (Step 2) among those that are not rejected."""
+    """Return the test for the line fit (Step 2), chosen from the tests that are not rejected."""
     return linear_test([test for test in tests if test.name not in refused])
 
 
@@ -69,8 +69,8 @@ def _refusal(test: Test, settings: Identify) -> str:
             split = decay_tests([test], settings)
             test = test if split is None else split.together
         with _tried():
-            # Other requirements for decays of several modes concern [structure], and are errors
-            # there.
+            # Other requirements on decays of several modes concern [structure]; a violation is an
+            # error there.
             for observable in taking(several=False):
                 if test.kind in observable.kinds:
                     observable.reduce([test], substeps=settings.substeps)

@@ -25,7 +25,8 @@ Laws = tuple[str, ...]
 # With wider bounds, the frequency and damping of a neighbouring mode would move far away and hide
 # an error of the law.
 PLACES = frozenset(name for omega, zeta, _ in MODES for name in (omega, zeta))
-# Frequencies of further modes of the joint keep their bounds; their motions have separate priors.
+# Frequencies of further modes of the joint keep their bounds, and their motions have separate
+# priors.
 KEPT = PLACES | {quantity.name for mode in BESIDE for quantity in (mode[0], *mode[3:])}
 
 
@@ -40,7 +41,7 @@ def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
 
 
 def _known(laws: Laws) -> dict[str, Quantity]:
-    """Return all quantities of the model and its laws, by name."""
+    """Return all quantities of the model and of its laws by name."""
     table = (*LINEAR, *RESIDUAL_TERMS, *MODAL, *quantities_of(laws), *own_quantities(laws))
     return vocabulary() | {quantity.name: quantity for quantity in table}
 
@@ -75,7 +76,7 @@ def _refitted(
     stated: Container[str],
     said: Callable[[Sequence[str]], str],
 ) -> Fitted | None:
-    """Widen the prior at the reached bounds and fit again; return None if all bounds are kept.
+    """Widen the prior at the reached bounds and fit again; None if no bound can be widened.
 
     They move by the width of the box, or to the default bound for the weakest record alone if that
     is farther, so that a stronger record does not determine the box.

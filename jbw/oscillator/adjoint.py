@@ -39,7 +39,8 @@ Columns = tuple[tuple[Scalar, ...], ...]
 # Number of steps that are differentiated at once: few enough that the intermediate arrays fit into
 # the cache, and that the memory of a gradient does not grow with the record.
 _CHUNK = 128
-Laws = tuple[Any, ...]  # laws that remember load reversals have more methods than `Law`
+# Laws that remember load reversals have more methods than the protocol `Law`.
+Laws = tuple[Any, ...]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -49,7 +50,7 @@ def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
 
 
 def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
-    """Simulate a record; return the state after every `every` substeps, as arrays over time."""
+    """Simulate a record; return the states after every `every` substeps, as arrays over time."""
     num_steps = stepping.num_steps
     carried = packed(stepping, initial)
     solution = diffrax.diffeqsolve(
@@ -134,8 +135,8 @@ def in_chunks(
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
     push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
-    # Every step gets its own copy of the constants, so that the transposed program sums over all
-    # steps once and not in every step.
+    # Every step gets its own copy of the constants, so that the transposed program sums their
+    # derivatives over all steps once, and not in every step.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
@@ -238,7 +239,7 @@ def tangent_of_stacks(
 
 
 def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Array, ""]:
-    """Return whether the simulation met a kink of a law in a given step."""
+    """Return whether the simulation met a kink of a law in a given time step."""
     kinked = meets_kink(step, before, push)
     laws: Laws = step.laws
     for law, a, b in zip(laws, before[2], after[2], strict=True):
@@ -332,7 +333,7 @@ def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 def _after(
     step: ExactStep, at: Any, x_dot: Carriers, step_dot: ExactStep, push_dot: Push
 ) -> Carriers:
-    """Compute the derivative of the state after a time step from its derivative before the step."""
+    """Return the derivative of the state after a time step, from its derivative before the step."""
     primals, tangents = (step, _split(step.laws, at.starts), at.push), (step_dot, x_dot, push_dot)
 
     def by(kinks: Kinks):
@@ -358,7 +359,7 @@ def _stepped(kinks: Kinks, start: State, step: ExactStep, x: Carriers, push: Pus
 
 
 def _split(laws: Laws, state: State) -> Carriers:
-    """Return the variables of a state whose derivatives pass from step to step."""
+    """Return those variables of a state whose derivatives pass from one time step to the next."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
     for law, law_memory in zip(laws, memory, strict=True):
@@ -370,7 +371,7 @@ def _split(laws: Laws, state: State) -> Carriers:
 
 
 def _joined(laws: Laws, state: State, x: Carriers) -> State:
-    """Return the full state that follows from the variables that pass from step to step."""
+    """Return the full state, from the variables that pass from one time step to the next."""
     (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
     for law, law_memory in zip(laws, state[2], strict=True):

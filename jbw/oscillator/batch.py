@@ -52,7 +52,7 @@ class MeasuredResponse(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """The simulated motion of all oscillators: responses, peaks, and sums over compared samples.
+    """The simulated motion of all oscillators: responses, peaks, sums over the compared samples.
 
     Attributes:
         response: Displacement [m], velocity [m/s] or acceleration [m/s^2] at the samples; None if
@@ -115,7 +115,8 @@ class MarchedRecord(NamedTuple):
     pieces: tuple[_Piece, ...]
     num_intervals: int
     first: int
-    # rows with which the responses are multiplied, such as weights of spectral lines
+    # rows by which the responses are multiplied before they are summed, such as weights of spectral
+    # lines
     rows: Float[np.ndarray, "row time"] | None = None
 
 
@@ -162,7 +163,7 @@ def march(
         state, totals, written = _marched(order, lanes, piece, steps, state, totals)
         # A piece begins with the last sample of the previous piece.
         begin = 0 if number == 0 else 1
-        if rows is not None:  # Multiply now, while the piece is in the cache.
+        if rows is not None:  # Multiply here, because the piece is still in the cache.
             response = np.asarray(written)[begin : size + 1]
             products += (rows[:, done + begin : done + size + 1] @ response).T[:count]
         if writes:
@@ -307,7 +308,7 @@ _CACHE = _Cache()
 def _marched(
     order: int, lanes: _Lanes, piece: _Piece, steps: _Span, state: State, totals: _Totals
 ) -> tuple[State, _Totals, Float[Array, "sample lane"]]:
-    """Advance the states through a piece of the record, and add its samples to the sums."""
+    """Advance the states through a piece of the record, and add the piece's samples to the sums."""
     joints, gain, parts = lanes
     fs, substeps, num_steps, first, begins = steps
     part = 1.0 / substeps
@@ -321,7 +322,7 @@ def _marched(
     stepping = jax.vmap(constants)(joints, gain)
 
     def seen(state: State, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
-        """Return the sums, including this sample if it is compared, and the response at it."""
+        """Return the response at a sample, and the sums, which include compared samples."""
         row, counts = piece.measured[sample], ends & (sample >= first)
 
         def of_lane(joint, gain, parts, state, totals):

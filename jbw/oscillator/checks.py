@@ -29,7 +29,7 @@ def is_concrete(*values: object) -> bool:
 
 
 def require_closed_form(joint: Any) -> None:
-    """Raise unless nu = 1, which has a closed form; nu is static, so this works under tracing."""
+    """Raise unless nu = 1, the only exponent with a closed form; nu is static under tracing."""
     if joint.nu != 1.0:
         raise ModelError(
             f"Parameter `nu` must be 1 for the closed-form hysteresis, but nu = {joint.nu:g}.",
@@ -66,7 +66,7 @@ def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: boo
 
 
 def require_none(joint: Any, function: str) -> None:
-    """Raise if the joint has a restoring force, which the formula of `function` lacks."""
+    """Raise if the joint has a restoring force, which the formula of `function` does not have."""
     if joint.restoring is not None:
         raise ModelError(
             f"Parameter `restoring` must be None for `{function}`, but it is a force of kind "

@@ -73,7 +73,7 @@ def require_contract(kinds: Any) -> None:
 
 
 def broken(kind: type[Law]) -> str | None:
-    """Return a description of the first wrong method of a law, or None if all are right."""
+    """Return a description of the first wrong method of a law, or None if all methods are right."""
     bounds = kind.prior(SCALES) if has_prior(kind) else dict.fromkeys(kind.names(), (0.5, 1.5))
     if absent := [name for name in kind.names() if name not in bounds]:
         return messages.no_bounds(absent)
@@ -91,7 +91,8 @@ def broken(kind: type[Law]) -> str | None:
             for method, found, what, right, least in checks(law, joint):
                 if not _agree(found, right, least):
                     return messages.law_disagrees(method, *_worst(found, what, right))
-    except Exception as error:  # a user of the law would meet the same error
+    # Every error is reported, because a user of the law would meet the same one.
+    except Exception as error:
         return messages.law_fails(method, reason_of(error))
     return None
 
@@ -178,7 +179,7 @@ def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
 
 
 def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
-    """Yield the check that a record's derivatives agree with differences between two records."""
+    """Yield the check that derivatives of a simulation agree with finite differences."""
     if not offers(type(law), *STEP):
         return
     time = np.arange(64) / 512.0

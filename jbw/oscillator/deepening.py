@@ -58,7 +58,7 @@ def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
 def with_places[Model: Oscillator | Structure](
     joint: Model, start: Any, depth: int
 ) -> tuple[Model, Any]:
-    """Return a model and its state with storage for `depth` load reversals in every law."""
+    """Return a model and its state, with storage for `depth` load reversals in every law."""
     *motion, memory = start
 
     def short(law: Any) -> bool:

@@ -142,7 +142,7 @@ def bend_by_rates(
 def turn_by_slopes(
     law: Law, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
 ) -> tuple[Memory, Scalar, Scalar]:
-    """Return the internal state after a reversal, and how the force's kink changes v and y."""
+    """Return the internal state after a reversal, and how the force's kink corrects v and y."""
     path = StepPath.through(ends, quartic)
     top = y + path.before
     memory_at_top = law.move(y, memory, path.before)
@@ -196,7 +196,7 @@ def harmonics_by_moves(
 def force_by_moves(
     law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], omega: Scalar
 ) -> Float[Array, " time"]:
-    """Return the steady force in the second period of a motion; the first one sets the memory."""
+    """Return the steady force in a motion's second period, because the first sets the memory."""
     y, v = synthesis(q, theta), omega * synthesis(q, theta, 1)
 
     def onward(carry: tuple, point: tuple) -> tuple[tuple, Array]:

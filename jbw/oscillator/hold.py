@@ -23,7 +23,7 @@ HOLDS = get_args(Hold)
 
 
 class HeldInput(eqx.Module):
-    r"""A sampled input with a polynomial for each sample interval, times a gain g.
+    r"""A sampled input, stored as a polynomial for each sample interval, times a gain g.
 
     $$u_n(s) = g \sum_j c_{jn} s^j, \qquad 0 \le s < 1$$
 
@@ -49,11 +49,11 @@ class HeldInput(eqx.Module):
         return self.gain[..., None] * self.samples
 
     def times(self, factor: Scalar) -> Self:
-        """Return the input with another gain; its polynomials stay the same."""
+        """Return the same input with another gain; the polynomials stay the same."""
         return eqx.tree_at(lambda held: held.gain, self, factor * self.gain)
 
     def pieces(self, substeps: int) -> tuple[Float[Array, " substep"], ...]:
-        """Return the input's polynomials in all substeps, without the gain; a row per power."""
+        """Return the input's polynomials in all substeps without the gain; one row per power."""
         parts = substep_matrices(self.polynomials.shape[-2], substeps)
         rows = jnp.einsum("ilj,jn->lni", parts, self.polynomials)
         return tuple(rows.reshape(len(rows), -1))
@@ -70,7 +70,8 @@ def held(
         return u
     polynomials = _namespace(u).moveaxis(input_polynomials(u, hold, periodic=periodic), -1, -2)
     arrays: Any = u, polynomials, np.ones(u.shape[:-1])
-    if _namespace(u) is np:  # `jnp.asarray` would compile a program per shape
+    # NumPy is used, because `jnp.asarray` would compile a program for each shape.
+    if _namespace(u) is np:
         samples, rows, gain = jax.device_put(arrays)
     else:
         samples, rows, gain = map(jnp.asarray, arrays)

@@ -22,7 +22,8 @@ def signed(magnitude: Scalar, sign: Scalar) -> Float[Array, "..."]:
 
 def barrier(values: Any) -> Any:
     """Return the values unchanged, so that XLA computes them only once."""
-    # One by one: a barrier for several values cannot be transposed if not all are linear.
+    # A barrier is set around one value at a time, because a barrier for several values cannot be
+    # transposed if some are not linear.
     return jax.tree.map(jax.lax.optimization_barrier, values)
 
 
@@ -47,7 +48,7 @@ class CubicPath(NamedTuple):
 
 
 def hermite(start: Scalar, end: Scalar, rise: Scalar) -> CubicPath:
-    """Return the cubic path with given slopes at both ends and a given displacement between."""
+    """Return the cubic path with given slopes at both ends and a given total displacement."""
     return CubicPath(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
 
 
@@ -71,7 +72,7 @@ def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
 
 
 def turning_point(turns: Bool[Array, "..."] | bool, path: CubicPath) -> tuple[Scalar, Scalar]:
-    r"""Return where a path turns, $y'(s) = 0$, as a fraction of the step, and its curvature there.
+    r"""Return the fraction of a step at which its path turns, $y'(s) = 0$, and the curvature there.
 
     Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ the one in (0, 1) is taken, for
     slopes of opposite signs at the ends; s is 1 where the path does not turn. The square root is
@@ -106,7 +107,7 @@ class StepPath(NamedTuple):
 
     @classmethod
     def through(cls, ends: Ends, quartic: Scalar) -> Self:
-        """Return the path with given slopes and displacement, and a quartic term where it turns."""
+        """Return the path with given slopes and displacement, and a quartic term if it turns."""
         start, end, rise = ends
         turns = jnp.asarray(start * end < 0.0)
         cubic = barrier(hermite(*ends))
@@ -135,7 +136,7 @@ class StepPath(NamedTuple):
         return self._nearer(s, target)
 
     def _nearer(self, s: Scalar, target: Scalar) -> Scalar:
-        """Return a better estimate of when the path reaches a displacement, by one Newton step."""
+        """Return a better estimate of when the path reaches `target`, by one Newton step."""
         weight = s * (1.0 - s)
         move = self.cubic.move(s) + self.quartic * weight**2
         slope = self.cubic.slope(s) + 2.0 * self.quartic * weight * (1.0 - 2.0 * s)
@@ -163,7 +164,7 @@ class KinkImpulse(NamedTuple):
 
 
 def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
-    r"""Return how a kink of the force within a step changes v and y, beyond the step's cubics.
+    r"""Return how a kink of the force within a step changes v and y, beyond the cubic prediction.
 
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains, given as
     h^3 J_2 and h^4 J_3 [m/s],

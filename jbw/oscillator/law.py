@@ -140,7 +140,7 @@ class Law(eqx.Module):
         return self.move(y, memory, dy)
 
     def undamaged(self) -> "Law":
-        """Return the law before damage; the law itself if it does not degrade."""
+        """Return the law before damage; return the law itself if it does not degrade."""
         return self
 
     def at_tip(self, y_peak: Scalar) -> Memory:
@@ -165,7 +165,7 @@ class Law(eqx.Module):
         return Loop(*generic.loop_by_moves(self, y_peak, omega))
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return, by parameter, the power of length to add to that of the parameter's unit.
+        """Return, by parameter, a power of length to add to that in the parameter's unit.
 
         Such powers belong to values stated at a fixed displacement: a stiffness loss at 1 mm that
         grows with the power q of the displacement scales with the power -q of the unit of length.
@@ -196,15 +196,15 @@ class Law(eqx.Module):
     def glide(
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
     ) -> tuple[Memory, Bool[Array, "..."] | bool]:
-        """Return the internal state after a step without reversal, and True if it met a kink."""
-        # If a kink such as yield is not reported here, the step is only accurate to first order in
-        # h.
+        """Return the internal state after a step without reversal, and whether it met a kink."""
+        # A law must report every kink here, such as yield; otherwise the step is only accurate to
+        # first order in h.
         return self.move(y, memory, dy), False
 
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Return the internal state after a step that may reverse, and how kinks change v and y.
+        """Return the internal state after a step that may reverse, and how kinks correct v and y.
 
         Args:
             h: Length of the step [s].
@@ -219,7 +219,7 @@ class Law(eqx.Module):
         return generic.turn_by_slopes(self, y, memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch) -> Memory:
-        """Return the internal state after the small correction dy at the end of a step."""
+        """Return the internal state after a small correction dy of a step's final displacement."""
         return self.move(y, memory, dy)
 
     # -- along a periodic motion -----------------------------------------------------------------
@@ -262,7 +262,7 @@ class Law(eqx.Module):
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return factors that convert the internal state to velocities; a counter's factor is zero.
+        """Return factors that convert the internal state to velocities; zero for a counter.
 
         By default every entry is a force [N/kg] and its factor is 1 / omega_n.
         """
@@ -285,7 +285,7 @@ def laws_in(laws: Any) -> list[Law]:
 
 
 def map_laws(function: Callable[..., Any], laws: Any, *others: Any) -> Any:
-    """Apply a function to every law, together with the matching entries of other pytrees."""
+    """Apply a function to every law, together with the entries of other pytrees for this law."""
     return jax.tree.map(function, laws, *others, is_leaf=_is_law)
 
 
@@ -358,7 +358,7 @@ class ScaledLaw(Law):
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "ScaledLaw":
-        """Return the law in new units, which are relative to its present units."""
+        """Return the law in new units, which are stated relative to the law's present units."""
         return ScaledLaw(self.law, self.length * length, self.unit * stiffness)
 
     def harmonics(

@@ -199,7 +199,7 @@ def as_oscillator(joint: Joint) -> Oscillator:
 
 
 def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscillator:
-    """Return the oscillator with parameters given by name; its one mode may have several joints."""
+    """Return the oscillator with parameters given by name; several joints share its one mode."""
     laws = tuple(laws)
     if are_at_joints(laws):
         forces = first_mode_laws(theta, laws)  # pyright: ignore[reportArgumentType]

@@ -34,7 +34,8 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
 
 MAX_ITERATIONS = 400
-# The search stops if the change of state over a period did not fall by a tenth in so many rounds.
+# The search stops if, in so many rounds, the change of state over a period has not fallen by a
+# tenth.
 _PATIENCE, _PROGRESS = 20, 0.9
 # Relative step of the finite difference for the derivative; smaller steps are unreliable.
 _DIFFERENCE = 1e-7
@@ -91,11 +92,12 @@ def steady_period(
 
 
 def _settle_one_by_one(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
-    """Find the steady state as `_settle` does, but one oscillator of a batch after another.
+    """Find the steady state as `_settle` does, for one oscillator of a batch after another.
 
     Side by side, all lanes would be solved again until the last one has settled.
     """
-    # vmap must see every value that differs between oscillators
+    # The values that differ between oscillators are made arguments (`hidden`), because vmap must
+    # see them.
     of_all, hidden = jax.closure_convert(gap, x)
 
     @jax.custom_batching.sequential_vmap

@@ -48,7 +48,7 @@ class Compared(eqx.Module):
 
 
 class Sums(NamedTuple):
-    """Sums over compared samples: squares Q, products s_k with given rows, the largest response."""
+    """Sums of squared residuals and of products with rows, and the largest response."""
 
     square: Float[Array, "..."]
     along: Float[Array, "... row"]
@@ -88,7 +88,7 @@ def _sums(substeps: int, task: _Task) -> Sums:
     """Return the sums of residuals over the samples, accumulated in one time loop."""
     rest = _at_rest(task)
     none = jnp.zeros(())
-    # The rows are passed one by one: otherwise the loop would slice an array in every step.
+    # The rows are passed one by one, because the loop would otherwise slice an array in every step.
     task = eqx.tree_at(
         lambda task: (task.compared.directions, task.compared.rows, task.compared.parts),
         task,

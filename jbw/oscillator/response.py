@@ -248,7 +248,8 @@ def _simulate(
     options: _Options, joint: Oscillator, u: HeldInput | Callable, fs: Scalar, initial: State
 ) -> Response:
     """Return the response of one oscillator to one input."""
-    t = jnp.arange(options.num_samples) / fs  # computed inside the program, not a constant
+    # Times are computed inside the program, because a constant array would be compiled into it.
+    t = jnp.arange(options.num_samples) / fs
     if callable(u):
         u_sampled = jnp.asarray(jax.vmap(u)(t))
         trajectory_from = partial(_stock, options, joint, lambda tau: u(tau / fs), fs)
@@ -308,7 +309,7 @@ def simulate_apart(
     fs: float,
     **options: Any,
 ) -> MotionApart:
-    r"""Simulate uncoupled modes as separate oscillators, and add their motions at each output.
+    r"""Simulate uncoupled modes as separate oscillators, and add the motions at each output.
 
     $$y_o = \sum_i c_{oi}\, q_i, \qquad q_i \ \text{of oscillator}\ i\ \text{under}\ b_i u$$
 

@@ -60,13 +60,13 @@ class Stepping(eqx.Module):
         return self.push_of(tuple(piece[substep] for piece in self.pieces))
 
     def push_of(self, powers: tuple[Scalar, ...]) -> Push:
-        """Return the effect of an input on y and v, and the input, from its polynomial."""
+        """Return the effect of an input polynomial on y and v, and the input at the start."""
         start = self.gain * powers[0]
         push = weighted(self.on_y, powers), weighted(self.on_v, powers), start
         return (*push, self.gain * added(powers)) if self._is_damped else push
 
     def pushed(self) -> "Pushed":
-        """Return the effect of the input in all substeps at once, for derivatives."""
+        """Return the effect of the input in all substeps at once, as the derivatives need it."""
         count = len(self.pieces)
         weights = [
             jnp.stack(self.on_y), jnp.stack(self.on_v), self.gain * np.eye(1, count)[0],

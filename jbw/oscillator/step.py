@@ -105,8 +105,8 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
     return _advanced(step, state, push, kinks, on_one_device())
 
 
-# Traced once for all programs that step a law, but separately for batches on one device and on
-# several, which `where_rare` treats differently.
+# Traced once for all programs that step a law, but once more for batches on several devices,
+# because `where_rare` treats them differently.
 @partial(jax.jit, static_argnums=(3, 4))
 def _advanced(
     step: ExactStep, state: State, push: Push, kinks: Kinks, _on_one_device: bool
@@ -127,8 +127,8 @@ def _advanced(
                 end = where_rare(kinked, _through_kinks, operands, smooth)
     end = past_cusps(laws, step.dt, state, end)
     dv = 0.0
-    # A velocity-dependent force follows v, which is predicted one order worse than y: correct it
-    # twice.
+    # A velocity-dependent force follows v, which is predicted one order worse than y. Therefore it
+    # is corrected twice.
     for _ in range(1 + any(law.feels_rate for law in laws)):
         corrected = end.y, end.v + dv, end.memory
         r_1, rate_1 = _remainder(step, corrected, end.branches, push[-1])
@@ -143,7 +143,7 @@ def _advanced(
 
 
 def meets_kink(step: ExactStep, state: State, push: Push) -> Bool[Array, "..."]:
-    """Return whether a step turns or meets a kink of a law, and so needs the longer treatment."""
+    """Return whether a step turns or meets a kink of a law, so that the longer step is needed."""
     branches, _, _, y_1, v_1 = _predicted(step, state, push)
     return glided(step.laws, state, branches, y_1, v_1)[1]
 
@@ -296,7 +296,7 @@ def through_kinks(
 
 
 def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
-    """Add the effect of cusps in the laws' rates, which the corrector's cubic omits."""
+    """Add the effect of cusps in the rates of the laws, which the corrector's cubic omits."""
     _, v, memory = state
     for law, law_memory, end_memory in zip(laws, memory, end.memory, strict=True):
         if hasattr(law, "missed"):

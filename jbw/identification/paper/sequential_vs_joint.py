@@ -54,8 +54,8 @@ def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
         if name not in steps:
             continue
         draws = _moments(steps[name].posterior["posterior"].to_dataset(), steps[name].held)
-        # A step that determines a parameter also determines its product with alpha, which the step
-        # fixes or draws.
+        # A step that determines a parameter also determines its product with alpha, because alpha
+        # is fixed or drawn in this step.
         names = {*names, *(p for p, factor in PRODUCTS.items() if factor in names)}
         moments |= {parameter: draws[parameter] for parameter in draws if parameter in names}
     return moments

@@ -58,7 +58,7 @@ class KernelFit:
 
 
 def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bounds:
-    """Return prior bounds at given relative distances on both sides of the initial fit."""
+    """Return prior bounds at given relative distances on both sides of the initial kernel fit."""
     return {
         name: bounds_about(centre[name], 1 - share, 1 + share)
         for name, share in half_width.items()
@@ -99,7 +99,7 @@ def _product(measured: ThirdOrder, linear: PooledFit) -> float:
 
 
 def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder:
-    r"""Return the kernel from one test; its receptance is that of the joint softened by the tone.
+    r"""Return the kernel from one test, with the receptance of the joint that the tone softens.
 
     $$\frac1{H(3\omega)} = \frac1{H_1(3\omega)} - \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 
@@ -214,7 +214,7 @@ def predicted(posterior: xr.Dataset, data: KernelData) -> NDArray[np.complex128]
 
 
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
-    r"""Return each draw's kernel energy over the band of the tones, shape (chain, draw).
+    r"""Return each draw's kernel energy, integrated over the tones' band, shape (chain, draw).
 
     $$\int_B |H_3(\omega)|^2\,\mathrm{d}\omega$$
 

@@ -64,8 +64,8 @@ def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> Op
     s = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     gamma = prior.lower[0] + (s + 1) / 2 * (prior.upper[0] - prior.lower[0])
     values = misfits(gamma, dict(held), records)
-    # The polynomials are orthogonal at these nodes; the mean has half the weight. This is usable
-    # under vmap.
+    # The polynomials are orthogonal at these nodes, and the mean over the nodes has half the
+    # weight. This also works under vmap.
     series = 2 / NODES * np.polynomial.chebyshev.chebvander(s, NODES - 1).T
     series[0] /= 2
     return OpeningCurve(
@@ -123,7 +123,7 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
 
 
 class OpeningFit(NamedTuple):
-    """The initial fit of gamma in Step 4."""
+    """The initial fit of gamma, the opening of the loop, in Step 4."""
 
     curve: OpeningCurve  # Chebyshev series of the residual as a function of gamma
     fit: Fit
@@ -163,7 +163,7 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
         found,
         covariance=covariance,
         weak=weak_direction(found.theta, covariance, prior),
-        # The information is divided equally between the levels, so that each of them has a
+        # The information is divided equally between the levels, so that each level has its own
         # residual.
         jacobian=np.full((levels, 1), np.sqrt(information / levels)),
     )

@@ -149,7 +149,7 @@ def same_by_construction(names: Iterable[str | Kind]) -> str | None:
 
 
 def quantities_of(laws: Iterable[str | Kind]) -> tuple[Quantity, ...]:
-    """Return the parameter tables of several laws, one after the other."""
+    """Return the tables of the parameters of several laws, one after the other."""
     return tuple(quantity for law in laws_named(laws) for quantity in law.table)
 
 

@@ -47,7 +47,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
         @classmethod
         def unnamed(cls, theta: Mapping[str, Any]) -> Law:
-            """Return the law without the joint's name, so that joints share compiled programs."""
+            """Return the law without the joint's name, so that joints use the same program."""
             return kind.build(plain(theta))
 
         def parameters(self) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
             return kind.caution(plain(bounds), y_peak)
 
         def powers_of_length(self) -> dict[str, Any]:
-            """Return each parameter's additional power of length, by its name at the joint."""
+            """Return each parameter's additional power of length, by the name at the joint."""
             plain_powers = _of_kind(kind, self).powers_of_length()
             return {name_at(name, joint): value for name, value in plain_powers.items()}
 
@@ -79,7 +79,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
 
 def _of_kind[Kind: Law](kind: type[Kind], law: Law) -> Kind:
-    """Convert a law to another class that has the same fields, with the same numbers."""
+    """Convert a law to another class with the same fields; the values of the fields stay."""
     same = object.__new__(kind)
     for field in fields(law):
         object.__setattr__(same, field.name, getattr(law, field.name))

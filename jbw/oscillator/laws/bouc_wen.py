@@ -26,7 +26,7 @@ _ALPHA, _DELTA, _GAMMA = BOUC_WEN
 
 # Prior range of alpha as a share of the whole stiffness: from almost none to nearly all.
 SHARE = (0.0005, 0.9)
-# Under a prescribed displacement, the joint may have all of the stiffness, and a wide loop is
+# Under a prescribed displacement, the joint may have all of the stiffness; a wide loop is then
 # softer than small motion.
 FORCED_SHARE = (0.01, MOST_SOFTENING)
 REACH = 4.0  # upper prior bound of alpha delta and alpha gamma, relative to the fitted value
@@ -108,11 +108,11 @@ class BoucWenLaw(Law):
         return cls(alpha, softening / alpha, opening / alpha)
 
     def weak_motion(self) -> tuple[Scalar, Scalar]:
-        """Return the small-motion products: alpha delta (softening) and alpha gamma (losses)."""
+        """Return the small-motion products: alpha delta for softening, alpha gamma for losses."""
         return self.alpha * self.delta, self.alpha * self.gamma
 
     def slip(self, y: Scalar) -> Scalar:
-        """Return delta y at a displacement y [m]; the motion is small if it is far below 1."""
+        """Return delta y at a displacement y [m]; the motion is small if delta y is far below 1."""
         return jnp.abs(self.delta) * y
 
     @classmethod
@@ -214,7 +214,7 @@ class BoucWenLaw(Law):
         return kinked_step((self.alpha, self.delta, self.gamma), memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
-        """Return Z after a small displacement dy, along the tangent of Z(y)."""
+        """Return Z after a small displacement dy, by the tangent of Z(y)."""
         return memory + (self.alpha - branch * memory) * dy
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "BoucWenLaw":
@@ -256,7 +256,7 @@ class BoucWenLaw(Law):
             )
 
     def doubts(self) -> str | None:
-        """Return a warning if Z has no bound for these parameters."""
+        """Return a warning if Z grows without bound for these parameters."""
         alpha, delta, gamma = (np.asarray(x) for x in (self.alpha, self.delta, self.gamma))
         linear = (delta == 0.0) & (gamma == 0.0)
         conditions = {

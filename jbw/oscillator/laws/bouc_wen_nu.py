@@ -40,9 +40,8 @@ _ROUNDS = 2  # number of Newton steps that solve for the spring's stretch after 
 _NEAR = 0.03
 _TINY = 1e-9  # smallest slope of the force, relative to the slope at rest; it replaces zero
 _PARTS = 8  # number of parts into which a move along a record is divided
-# Longest move in one part, relative to the spring's stretch at which the slope vanishes, and number
-# of parts
-# of a longer move.
+# longest move in one of these parts, relative to the spring's stretch at which the slope vanishes,
+# and number of parts of a longer move
 _SHORT, _MANY_PARTS = 0.05, 32
 # The search for the stretch at a steady loop's tip begins at or below this fraction of its limit.
 _INSIDE = 0.9
@@ -189,15 +188,15 @@ class BoucWenNu(Law):
         return jnp.asarray(less), jnp.asarray(more)
 
     def _factor(self, v: Scalar, w: Scalar) -> Scalar:
-        """Return the factor c in f = c |w|^nu, the part of the slope that is lost."""
+        """Return the factor c in f = c |w|^nu, the fraction of the slope that is lost."""
         return self.nu_softening + signed(signed(self.nu_opening, v), w)
 
     def _lost(self, v: Scalar, w: Scalar) -> Scalar:
-        """Return the lost part of the slope, f = c |w|^nu."""
+        """Return the lost fraction of the slope, f = c |w|^nu."""
         return self._factor(v, w) * power(jnp.abs(w) / REFERENCE, self.nu)
 
     def _powers(self, v: Scalar, w: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the lost part of the slope, f, and the integrals of f and f^2 from 0 to w."""
+        """Return the lost fraction f of the slope, and the integrals of f and f^2 from 0 to w."""
         lost = self._lost(v, w)
         return lost, lost * w / (self.nu + 1.0), lost**2 * w / (2.0 * self.nu + 1.0)
 
@@ -268,7 +267,7 @@ class BoucWenNu(Law):
         return self._stretched(w_turn, path.after), impulse.v, impulse.y
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
-        """Return the spring's stretch after a small move dy along the tangent of w(y)."""
+        """Return the spring's stretch after a small move dy, by the tangent of w(y)."""
         return memory + (1.0 - self._lost(branch, memory)) * dy
 
     def missed(
@@ -298,7 +297,7 @@ class BoucWenNu(Law):
         return batched(stretch_path.tip, self, y_peak)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        """Return the steady loop's stiffness and damping, by quadrature of closed integrals."""
+        """Return the steady loop's stiffness and damping, by quadrature of exact integrals."""
         return Loop(*batched(stretch_path.loop, self, y_peak))
 
     def force_over_period(
@@ -336,8 +335,9 @@ class BoucWenNu(Law):
 
 
 def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Array, Array]:
-    """Return the spring's stretch after several moves in a row, and the one after each move."""
-    # In long slip, one step between two angles may miss the range in which slip begins.
+    """Return the spring's stretch after several moves in a row, and after each of these moves."""
+    # Divide each move, because one step between two angles may miss the range in which slip begins
+    # in long slip.
     most = jnp.max(jnp.abs(jnp.stack(law._factors())))
     longest = _SHORT * stretch_path.stretch_limit(most, law.nu)
 

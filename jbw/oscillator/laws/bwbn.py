@@ -42,7 +42,8 @@ from jbw.oscillator.laws.powers import REFERENCE, power
 from jbw.oscillator.parameters import SLOW, Conversion, Material, Scalar, batched, of_opensees
 from jbw.quantities import Quantity
 
-# Prior of the stiffness relative to that of the stiffest measured cycle, which is already degraded.
+# prior range of the stiffness, relative to that of the stiffest measured cycle, which is already
+# degraded
 WORN_SHARE = (0.01, 2.0)
 TOLERANCE = 1e-12  # largest error of z in a move, relative to the stretch at yield
 MOST_STEPS = 4096  # largest number of time steps in a move
@@ -299,7 +300,7 @@ class BWBNPinching(Law):
         return 0.0, mass * self.bwbn_stiffness, self.bwbn_n, gamma, beta, 1.0
 
     def _yield_energy(self, mass: float) -> Scalar:
-        """Return the unit of the dissipated energy e, m alpha z_y^2 [J]."""
+        """Return m alpha z_y^2 [J], the unit in which the dissipated energy e is stated."""
         return mass * self.bwbn_stiffness * self.bwbn_yield**2
 
 

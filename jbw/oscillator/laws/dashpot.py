@@ -38,6 +38,6 @@ class Dashpot(Damper):
         return self.c * jnp.asarray(1j * orders(q.shape[0])) * omega * q  # pyright: ignore[reportReturnType]
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return the loop, with the equivalent damping $\mathrm{Im}\,\kappa = c\,\omega$."""
+        r"""Return the steady loop; its equivalent damping is $\mathrm{Im}\,\kappa = c\,\omega$."""
         damping = self.c * omega + 0.0 * jnp.asarray(y_peak)
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]

@@ -59,7 +59,7 @@ def moved(law: Backlash, memory: Memory, dy: Scalar) -> Moved:
 
 
 def unloading(law: Backlash, size: Scalar) -> Scalar:
-    """Return the travel D_0 in which a force of magnitude `size` unloads to zero [m]."""
+    """Return the travel D_0 over which a force of magnitude `size` falls to zero [m]."""
     w = size / law.gap_stiffness
     x = (law.gap_opening - law.gap_softening) * w
     near = jnp.abs(x) < _SERIES

@@ -34,12 +34,13 @@ from jbw.report.messages import joint as messages
 
 # Prior range of half the gap, relative to the largest displacement: a wider gap never closes.
 WIDTH = (0.005, 0.9)
-# Largest prior stiffness, relative to that at rest, or to that of a whole loop under prescribed
-# motion.
+# largest prior stiffness, relative to the stiffness at rest (False), or under prescribed motion to
+# that of a whole loop (True)
 STIFFEST = {False: 2.0, True: 20.0}
 _NODES, _NODES_PER_HARMONIC = 32, 4
 
-# Whether the element moves, and the constant c in the slope of its force [1/m].
+# whether the element behind the gap is in contact, and the constant c in the slope of its force
+# [1/m]
 Contact = tuple[Bool[Array, "..."], Scalar]
 
 
@@ -130,7 +131,7 @@ class GapSeries(Law):
         return 1.0 / omega_n, omega_n
 
     def branch(self, v: Scalar, memory: Memory) -> Contact:
-        """Return whether the element moves, and the constant c of dZ/dy = alpha - c Z [1/m]."""
+        """Return whether there is contact, and the constant c of dZ/dy = alpha - c Z [1/m]."""
         z, s = memory
         outward = (jnp.abs(s) >= self.gap) & (signed(s, v) > 0.0)
         c = signed(self.gap_opening, v) + signed(self.gap_softening, jnp.where(z == 0.0, v, z))
@@ -150,7 +151,7 @@ class GapSeries(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Contact
     ) -> tuple[Scalar, Scalar]:
-        """Return the force Z (no linear part at rest), and its rate times the time step h."""
+        """Return the force Z, which has no linear part at rest, and h times the rate of Z."""
         return memory[0], h * v * self._slope(memory[0], branch)
 
     def bend(
@@ -214,7 +215,7 @@ class GapSeries(Law):
         return second.memory, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact) -> Memory:
-        """Return the internal state after a small move: force Z on its tangent, or position s."""
+        """Return the internal state after a small move: force Z by its tangent, or position s."""
         z, s = memory
         contact, _ = branch
         moved = z + self._slope(z, branch) * dy

@@ -25,7 +25,9 @@ from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
 FEWEST_POINTS = 3
-SCALE = (0.2, 5.0)  # prior range of both scales: a computed curve is right within a factor of 5
+# prior range of the factors on force and displacement, because a computed curve is right within a
+# factor of 5
+SCALE = (0.2, 5.0)
 _RISES = 1e-9  # relative rise of the curve's slope that counts as rounding
 
 
@@ -73,7 +75,7 @@ class GivenBackbone(Masing):
         return self.at_zero * self.scale_force / self.scale_displacement
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
-        """Return the stiffness force minus the virgin curve at x, K x - F_b, and its slope."""
+        """Return the force lost to slip at x, K x - F_b, and the slope of this lost force."""
         c, t, _ = self._piece(x)
         lag = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
         slope = c[1] + t * (2.0 * c[2] + 3.0 * t * c[3])
@@ -86,7 +88,7 @@ class GivenBackbone(Masing):
         return self.scale_force * self.scale_displacement * scaled_integral
 
     def _piece(self, x: Scalar) -> tuple[Float[Array, "4 ..."], Scalar, Scalar]:
-        """Return the polynomial at x, the distance from its start, and the integral up to there."""
+        """Return the polynomial at x, the distance from its knot, and the integral up to it."""
         way = jnp.asarray(x, float) / self.scale_displacement
         knots = jnp.asarray(self.knots)
         index = jnp.sum(stop_gradient(way)[..., None] >= knots[1:], -1)

@@ -146,7 +146,7 @@ def _move(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> Array:
     z_in = jnp.where(towards_zero, z, 0.0)
     to_zero = -psi(c_in / joint.alpha, z_in) / joint.alpha
     stays = towards_zero & (distance <= to_zero)
-    # Both parts are always computed: a part that does not apply gets a move of length zero.
+    # Both parts are always computed; the part that does not apply gets a move of length zero.
     inner = z_in + (joint.alpha - c_in * z_in) * phi(c_in, jnp.where(stays, distance, 0.0))
     z_out = jnp.where(towards_zero, 0.0, z)
     rest = jnp.where(stays, 0.0, distance - jnp.where(towards_zero, to_zero, 0.0))
@@ -239,7 +239,7 @@ def _warn_unbounded(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> None:
 
 
 def _warn_saturated(joint: Hysteresis, y_peak: ArrayLike, loop: SteadyLoop) -> None:
-    """Warn if the joint slips almost completely, which a wrong unit would cause."""
+    """Warn if the joint slips almost completely, because a wrong unit would cause this."""
     exponent = np.abs(joint.delta + np.abs(joint.gamma)) * (y_peak + np.abs(loop.y_open))
     if np.any(exponent > _LARGEST_EXPONENT):
         warnings.warn(

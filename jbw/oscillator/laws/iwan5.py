@@ -37,7 +37,7 @@ _WITHIN = 1.0 - 1e-14
 
 
 class SliderStretches(NamedTuple):
-    """The stretch of every slider's spring [m], and its sliding direction, or 0 if it sticks."""
+    """The stretch of every slider's spring [m], and its sliding direction (0 if stuck)."""
 
     stretch: Float[Array, " slider"]
     slides: Float[Array, " slider"]
@@ -119,7 +119,7 @@ class Iwan5(Law):
         return theta * self._first(q) + x * (self._spread - self._zeroth(q)) + last
 
     def unloading(self, y_peak: Scalar, by: Scalar) -> Scalar:
-        r"""Return the steady loop's force [N/kg] at a distance D back from its tip Y (closed form).
+        r"""Return the steady loop's force [N/kg] at a distance D back from the tip Y (closed form).
 
         $$F = -\vartheta M_1(p) + \vartheta (M_1(q) - M_1(p)) - D (M_0(q) - M_0(p))
           + (Y - D)(M_0(\infty) - M_0(q)), \qquad M_n(x) = \int_0^x \varphi^n \rho\,d\varphi$$
@@ -183,7 +183,10 @@ class Iwan5(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
     ) -> tuple[SliderStretches, Scalar, Scalar]:
-        """Return the sliders after a step, and how kinks change v, y; reversals make all stick."""
+        """Return the sliders after a step that may reverse, and how kinks change v and y.
+
+        After a reversal, all sliders are stuck.
+        """
         path = StepPath.through(ends, quartic)
         at_turn = self.move(y, memory, path.before)
         regained = jnp.sum(self.array()[0] * jnp.abs(at_turn.slides))

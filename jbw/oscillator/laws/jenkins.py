@@ -165,7 +165,7 @@ class Jenkins(Law):
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Bool[Array, "..."], ...]:
-        """Return which sliders slip; their springs are stretched by exactly their slip limit."""
+        """Return which sliders slip; their springs are stretched by exactly the slip limit."""
         pairs = zip(memory, self.phi, strict=True)
         return tuple(signed(x, v) >= phi for x, phi in pairs)
 
@@ -197,7 +197,8 @@ class Jenkins(Law):
         """Return each spring's stretch after a step that may reverse, and how slips change v, y."""
         path = StepPath.through(ends, quartic)
         start = jnp.where(ends[0] == 0.0, ends[1], ends[0])
-        # All sliders are treated at once: one by one they take several times as long to compile.
+        # All sliders are treated at once, because they take several times as long to compile one by
+        # one.
         alpha, phi, x = (jnp.stack(part) for part in (self.alpha, self.phi, memory))
         at_turn = barrier(jnp.clip(x + path.before, -phi, phi))
         slid = signed(at_turn, start) >= phi

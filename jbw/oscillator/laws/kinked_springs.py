@@ -52,7 +52,7 @@ class KinkedSpring(Spring):
     """The base class of odd springs with corners; steps and integrals end at each corner."""
 
     def corners(self) -> tuple[Corner, ...]:
-        """Return the corners of the spring, the largest displacement first."""
+        """Return the corners of the spring, in order of falling displacement."""
         raise NotImplementedError
 
     def even_part(self) -> None:

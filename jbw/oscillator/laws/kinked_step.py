@@ -64,7 +64,8 @@ def _kinked_step_jvp(primals, tangents):
     dots = (delta_dot, gamma_dot, z_dot, *ends_dot, quartic_dot)
 
     def total(value, slopes):
-        # All results are proportional to (alpha, z).
+        # All results are proportional to alpha and z together, which gives their derivative by
+        # alpha.
         by_alpha = barrier((value - z * slopes[2]) / alpha)
         return by_alpha * alpha_dot + sum(s * x for s, x in zip(slopes, dots, strict=True))
 
@@ -74,7 +75,7 @@ def _kinked_step_jvp(primals, tangents):
 def _kinked(
     law: Law, z: Scalar, ends: Ends, quartic: Scalar
 ) -> tuple[tuple[Scalar, Scalar, Scalar], tuple[Slopes, ...]]:
-    """Return z at the end of a step, changes by kinks over h and h^2, and all derivatives.
+    """Return z at the end of a step, the changes by kinks over h and h^2, and all derivatives.
 
     Under jit the derivatives are computed only if they are used.
     """
@@ -175,7 +176,7 @@ def _turn_impulse(
 def _zero_impulse(
     law: Law, z: Scalar, motion: _Motion, end_slopes: Slopes
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return how the zero of z changes v and y, with derivatives."""
+    """Return how the zero of the force z changes v and y of a step, with derivatives."""
     alpha, delta, gamma = law
     path, z_1 = motion.path, motion.moves.end
     crosses = z * z_1 < 0.0
@@ -189,7 +190,8 @@ def _zero_impulse(
     shape_2, shape_3 = barrier((twice * shape_2, twice * shape_3))
     impulse = kink_impulse(1.0 - s, delta * shape_2, delta * shape_3)
 
-    # If the path does not turn, z passes zero by the exact map, else by linear interpolation.
+    # Where the path does not turn, the exact map gives the zero of z; elsewhere linear
+    # interpolation gives it.
     move_basis, slope_basis, bend_basis = (barrier(tuple(b)) for b in hermite_basis(s))
     per_speed = barrier(jnp.where(steady, 1.0 / jnp.where(steady, speed, 1.0), 0.0))
     chord = jnp.where(steady, 0.0, share**2)

@@ -76,7 +76,7 @@ class LuGre(Law):
         return self.lugre_stiffness * memory + bristles + self.lugre_viscous * v
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> NoReturn:
-        """Raise an error, because the force depends on time: a path alone does not determine it."""
+        """Raise an error, because the force depends on time and not on the path alone."""
         raise ModelError(
             "The law `lugre` depends on the rate of motion and has no loop or backbone.",
             remedy="Simulate it, or take `Valanis.dahl` where the rate does not matter.",

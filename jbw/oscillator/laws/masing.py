@@ -52,7 +52,7 @@ class Kink(NamedTuple):
 
 
 class _Move(NamedTuple):
-    """A monotone motion of a Masing law: the branches at its ends, and the loops that it closes.
+    """A monotone motion of a Masing law: the branches at both ends, and the loops that it closes.
 
     Attributes:
         begin: Branch at the start, turned into the direction of the move.
@@ -96,7 +96,7 @@ class Masing(Law):
 
     # -- motion ------------------------------------------------------------------------------------
     def at_rest(self) -> Branch:
-        """Return the internal state at rest: no load reversals, start of the virgin curve."""
+        """Return the state at rest: no load reversals, at the start of the virgin curve."""
         return nothing_remembered(self.depth)
 
     def force(self, y: Scalar, v: Scalar, memory: Branch) -> Scalar:
@@ -115,7 +115,7 @@ class Masing(Law):
         return self._moved(y, memory, dy).end
 
     def refreshed(self, y: Scalar, memory: Branch) -> Branch:
-        """Return the branch and the force at y, recomputed from the load reversals."""
+        """Return the branch and the force at y, computed again from the load reversals."""
         branch = branch_of(memory.sense, memory.stack)
         force, slope = self._on_branch(branch, y)
         moved = memory.stack.count > 0.5
@@ -130,7 +130,8 @@ class Masing(Law):
 
     def memory_unit(self, omega_n: Scalar) -> Branch:
         """Return factors from state to velocities: 1/omega_n for forces, omega_n for lengths."""
-        # Counters and dependent entries have a small weight, a power of two to avoid rounding.
+        # Counters and dependent entries have a small weight: a power of two, because it causes no
+        # rounding.
         small = 2.0**-10 + 0.0 * omega_n
         none = 0.0 * omega_n  # `missed` only counts upwards, so it has no part in a steady state.
         stack = Stack(small, small, none, (omega_n,) * self.depth, (1.0 / omega_n,) * self.depth)
@@ -176,7 +177,7 @@ class Masing(Law):
         return memory.f + memory.sense * rest, -slope
 
     def _moved(self, y: Scalar, memory: Branch, dy: Scalar) -> _Move:
-        """Return a monotone move by dy: its branches, and the loops that it closes."""
+        """Return a monotone move by dy: the branches at both ends, and the loops that it closes."""
         sense, stack = headed(memory.sense, memory.stack, y, memory.force, dy)
         begin = branch_of(sense, stack)._replace(force=memory.force)
         begin, stack = barrier((begin, stack))
@@ -214,8 +215,8 @@ class Masing(Law):
     ) -> tuple[Branch, Scalar, Scalar]:
         """Return the internal state after a step with a reversal, and how kinks change v and y."""
         start, end, rise = ends
-        # A motion that starts against the branch's direction stems from the correction of the step
-        # before; it is too short for a reversal.
+        # A motion that starts against the branch's direction stems from the correction at the end
+        # of the step before. Such a motion is too short for a reversal.
         strays = (memory.sense * start <= 0.0) & (start * end < 0.0)
         path = StepPath.through((jnp.where(strays, 0.0, start), end, rise), quartic)
         first = self._moved(y, memory, path.before)

@@ -67,7 +67,7 @@ def saturation_slope(x: Scalar) -> Scalar:
 
 
 def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
-    r"""Return the force z after a move dy along one branch, for $|c\,dy| \le 1$.
+    r"""Return the force z after a displacement dy along one branch, for $|c\,dy| \le 1$.
 
     $$z + (\alpha - c z)\,dy\,P(c\,dy)$$
     """
@@ -114,7 +114,7 @@ def _distance_jvp(primals, tangents):
 
 
 def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Scalar:
-    """Return the total derivative, computed only from those partial derivatives that are needed."""
+    """Return the total derivative, from only those partial derivatives that are needed."""
     terms = [
         barrier(derivative()) * tangent
         for derivative, tangent in zip(partials, tangents, strict=True)
@@ -169,7 +169,7 @@ class _Segment(NamedTuple):
 
 
 class _Segments(NamedTuple):
-    """The segments of two moves, which move crosses z = 0, and the signed distance past zero."""
+    """The segments of two moves, which of the moves crosses z = 0, and the distance past zero."""
 
     a: _Segment
     b: _Segment

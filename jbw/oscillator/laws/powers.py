@@ -17,7 +17,8 @@ PER_REFERENCE = 1.0 / REFERENCE
 @jax.custom_jvp
 def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
     """Return x^exponent for x >= 0; the value and two derivatives are zero at x = 0."""
-    # A single call: a logarithm and an exponential would have to wait for each other.
+    # `pow` is called once, because a logarithm and an exponential would have to wait for each
+    # other.
     return jnp.power(jnp.maximum(jnp.asarray(x, float), 0.0), exponent)
 
 

@@ -27,7 +27,7 @@ def exponential_remainder(k: int, s: Float[Array, "..."]) -> Float[Array, "..."]
     """
     near = jnp.abs(s) < 1.0
     coefficients = tuple((-1) ** n / math.factorial(n + k) for n in range(_NUM_TERMS))
-    # Each branch of a `where` gets an argument for which it is finite.
+    # In each branch of a `where`, the argument is replaced where the branch would not be finite.
     far_s = jnp.where(near, 1.0, s)
     far = -jnp.expm1(-far_s) / far_s
     for j in range(1, k):

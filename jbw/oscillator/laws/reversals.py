@@ -80,7 +80,7 @@ def nothing_remembered(size: int = SIZE) -> Branch:
 
 
 def with_room(memory: Branch, size: int) -> Branch:
-    """Return a state with storage for `size` load reversals; reversals dropped before stay lost."""
+    """Return a state with storage for `size` load reversals; dropped reversals stay lost."""
     stack = memory.stack
     more = tuple(0.0 * stack.count for _ in range(size - len(stack.y)))
     return memory._replace(stack=stack._replace(y=(*stack.y, *more), f=(*stack.f, *more)))
@@ -104,7 +104,7 @@ def closes(sense: Scalar, y: Scalar, begin: Scalar, closure: Scalar) -> Bool[Arr
 
 
 def headed(sense: Scalar, stack: Stack, y: Scalar, f: Scalar, dy: Scalar) -> tuple[Scalar, Stack]:
-    """Return direction and load reversals at (y, f); a changed direction adds a load reversal."""
+    """Return direction and load reversals at (y, f); a turn of the motion adds a load reversal."""
     turned = jnp.asarray((sense * dy < 0.0) | ((sense == 0.0) & (dy != 0.0)))
     full = turned & jnp.asarray(stack.count > len(stack.y) - 0.5)
     place = jnp.where(turned, stack.count - jnp.where(full, 2.0, 0.0), -1.0)
@@ -164,7 +164,7 @@ def _mirrored(entries: Entries) -> Scalar:
 
 
 def _at(entries: Entries, place: Scalar) -> Scalar:
-    """Return a stack's entry at an index, or any entry if the index is not used."""
+    """Return a stack's entry at an index, or any entry if the stack does not use the index."""
     if not isinstance(entries, tuple):
         place = jnp.asarray(place, jnp.int32)
         return jax.lax.dynamic_index_in_dim(entries, place, keepdims=False)

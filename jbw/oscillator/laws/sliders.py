@@ -47,7 +47,7 @@ def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
     most = reach if kink is None else min(reach, float(kink.x))
     edges = most * np.linspace(0.0, 1.0, count + 1) ** GRADING
     if most < reach:
-        # A separate slider represents the kink of the virgin curve.
+        # A separate slider represents the kink of the virgin curve, if it has one.
         edges = np.append(edges[:-1], [most * (1.0 - 1e-12), most])
     lag, slope = (np.asarray(x) for x in law.lag(jnp.asarray(edges)))
     stiffness, moment = np.diff(slope), np.diff(edges * slope - lag)

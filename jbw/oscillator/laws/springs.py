@@ -87,7 +87,7 @@ class Spring(Law):
         if not is_concrete(self):
             return None
         for y in _PROBES:
-            # This also works for constants inside a jitted function.
+            # This test also works for constants inside a jitted function.
             with jax.ensure_compile_time_eval():
                 plus, minus = self(y), self(-y)
             if not is_concrete(plus, minus):  # the function contains a traced number
@@ -273,5 +273,5 @@ class Callable(Spring):
 
 
 def as_law(force: Restoring) -> Spring:
-    """Return a restoring force as a law; return it unchanged if it is one."""
+    """Return a restoring force as a law; return the force unchanged if it is a law already."""
     return force if hasattr(force, "stiffness") else Callable(force)  # pyright: ignore

@@ -47,7 +47,7 @@ def _way(c: Scalar, w: Scalar, nu: Scalar, gap: Scalar | None = None) -> Scalar:
 
 
 def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None) -> Scalar:
-    r"""Return $\int_0^w t^m f/(1 - f)\,dt$ with $f = c|t/\mathrm{1\,mm}|^\nu$, for w >= 0.
+    r"""Return the lag $\int_0^w t^m f/(1 - f)\,dt$ with $f = c|t/\mathrm{1\,mm}|^\nu$, for w >= 0.
 
     Gauss's rule is used. Near the limit L of w, with z = t/L, its pole is separated analytically:
 

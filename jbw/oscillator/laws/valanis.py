@@ -90,7 +90,7 @@ class Valanis(Law):
         return memory + self.valanis_hardening * self.valanis_stiffness * y
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Any:
-        """Return the time derivative of Z, the slope dZ/dy in this direction times v."""
+        """Return the time derivative of Z: the slope dZ/dy for this direction, times v."""
         stiffness, towards = self.valanis_stiffness, jnp.where(v < 0.0, -1.0, 1.0)
         part = towards * self.valanis_rate * memory / stiffness
         slope = stiffness * ((1.0 - part) / (1.0 - self.valanis_microslip * part))

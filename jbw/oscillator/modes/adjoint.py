@@ -45,7 +45,7 @@ from jbw.oscillator.modes.step import (
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import End, shifted
 
-# A `ModalState` with the kinks' effects of the previous step, as arrays over time.
+# A `ModalState` with the impulses of the previous step's kinks, as arrays over time.
 Trajectory = Any
 
 
@@ -78,7 +78,7 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 
 def _no_kicks(step: ModalStep, state: ModalState) -> tuple:
-    """Return zero impulses of kinks, for the time before the first step."""
+    """Return zero impulses of kinks for the time before the first step."""
     none = jnp.zeros_like(state[0][0])
     return tuple((none, none) for _ in step.joints)
 
@@ -99,7 +99,7 @@ def _solve_jvp(primals, tangents):
 
 
 class StepSlopes(NamedTuple):
-    """Derivatives of one calculation within a joint's time step.
+    """The derivatives of one partial result in the time step of a joint.
 
     Attributes:
         columns: Change of the part per unit of each of its arguments.
@@ -110,7 +110,7 @@ class StepSlopes(NamedTuple):
     offset: tuple
 
     def along(self, *arguments: Any) -> tuple:
-        """Return the change of the calculation's result for given changes of its arguments."""
+        """Return the change of the partial result for given changes of its arguments."""
         changes = jax.tree.leaves(arguments)
         return tuple(
             offset + sum(column[i] * x for column, x in zip(self.columns, changes, strict=True))
@@ -119,7 +119,7 @@ class StepSlopes(NamedTuple):
 
 
 class JointSlopes(NamedTuple):
-    """Derivatives of a joint's time step, and the changes due to the constants of the step.
+    """Derivatives of a joint's time step, and its changes due to changed step constants.
 
     Attributes:
         start: Derivatives of r and h r' with respect to x, v and the memories.
@@ -144,7 +144,7 @@ class JointSlopes(NamedTuple):
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any]:
-    """Return derivatives of each joint's step, and the change of the modes due to the constants.
+    """Return derivatives of each joint's step, and the modes' change due to step constants.
 
     Many steps are computed at once, along the first axis of all arguments but the constants.
     """
@@ -194,7 +194,7 @@ def _by_constants(
 
 
 def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tuple[tuple, ...]:
-    """Apply a function to every joint in many steps, and group the results by joint.
+    """Apply a function to every joint in many time steps, and group the results by joint.
 
     Joints with the same laws are stacked in one array: they are compiled once, which saves most of
     the additional compilation for several joints.
@@ -326,7 +326,7 @@ def _recurrence(step: ModalStep, state_dot, inputs):
 
 
 def _bent_paths(step: ModalStep, joints: list, paths: list) -> tuple[list, tuple]:
-    """Return derivatives of the paths of reversing joints, with the effect of the other joints."""
+    """Return derivatives of reversing joints' paths, including effects of the other joints."""
     halves = tuple(
         by.half_bend.along(free.x, free.v, memory, path.a)[0]
         for (by, free, memory), path in zip(joints, paths, strict=True)

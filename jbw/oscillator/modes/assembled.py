@@ -78,12 +78,12 @@ def motion_name(mode: int, joint: str) -> str:
 
 
 def factor_name(mode: int, joint: str) -> str:
-    """Return the parameter name of the factor on the motion of a joint in a mode."""
+    """Return the parameter name of the factor on a joint's motion in a mode."""
     return name_at(numbered(MOTION_FACTOR, mode), joint)
 
 
 def motion_in(theta: Mapping[str, Any], mode: int, joint: str) -> Any:
-    """Return the motion of a joint in a mode, H_ji: the model's value times any factor."""
+    """Return a joint's motion in a mode, H_ji: the model's value, times a factor if given."""
     return theta[motion_name(mode, joint)] * theta.get(factor_name(mode, joint), 1.0)
 
 
@@ -137,7 +137,7 @@ def assembled_structure(
 
 
 def seen_by(theta: Mapping[str, Any]) -> Float[Array, "point mode"]:
-    """Return the motion of every measured point in all modes, the first point first."""
+    """Return the motion of every measured point in all modes; the first point comes first."""
     modes, stem = range(1, num_modes(theta) + 1), seen_name(1, "") + "@"
     points = ["", *(name.removeprefix(stem) for name in theta if name.startswith(stem))]
     return jnp.stack([rows(theta, [seen_name(i, point) for i in modes]) for point in points])

@@ -36,8 +36,8 @@ from jbw.oscillator.newton import newton_root
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import num_turns, orders
 
-# The unknowns omega, zeta_eq, q_m1 and all X_jn, as real and imaginary parts; omega is relative to
-# the mode's own frequency, q_m1 and X_jn are in the units of `Units`.
+# The unknowns are omega, zeta_eq, q_m1 and all X_jn, as real and imaginary parts. Omega is divided
+# by the mode's own frequency; q_m1 and X_jn are in the units of `Units`.
 Point = Float[Array, " unknown"]
 Mode = Int[Array | np.ndarray, ""]  # index of the mode whose backbone is computed
 _TOLERANCE = 1e-10
@@ -183,7 +183,7 @@ def _like(good: Array, leaf: Array) -> Array:
 def _followed(
     options: BackboneOptions, mode: Mode, structure: Structure, amplitude: Array
 ) -> tuple[Array, Array]:
-    """Follow the backbone over rising amplitudes, each point from the last; mark converged points.
+    """Follow the backbone over rising amplitudes, each point from the last; mark converged ones.
 
     After the first point that is not found the branch ends, and no more are tried.
     """
@@ -317,7 +317,8 @@ def _motion(
     r = joint_forces(laws, point[0], x, options.max_turns)
     push = (structure.p * units.x) @ r  # pyright: ignore
     d = dynamic_stiffness(structure, omega, options.num_harmonics, zeta) / omega_m**2
-    # At zero amplitude, d of the mode vanishes; therefore its first harmonic is not divided by it.
+    # At zero amplitude, the mode's dynamic stiffness d vanishes; therefore the mode's first
+    # harmonic is not divided by d.
     residual_1 = d[mode, 0] * units.q * q_m1 + push[mode, 0]  # pyright: ignore
     q = (-push / d.at[mode, 0].set(1.0)).at[mode, 0].set(units.q * q_m1)  # pyright: ignore
     return BackboneMotion(omega, zeta, q_m1, q, x, r, residual_1)

@@ -33,7 +33,7 @@ from jbw.quantities import AT, MODES, POINTS, Quantity
 
 
 class Names(NamedTuple):
-    """The parameter names of one mode after the first."""
+    """The parameter names of one mode, for modes after the first."""
 
     omega: str
     zeta: str
@@ -88,12 +88,12 @@ def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
 
 
 def own_name(name: str, mode: int) -> str:
-    """Return the name of a law's parameter in a later mode; `mode` is 2 for the second."""
+    """Return the name of a law's parameter in a later mode; `mode` is 2 for the second mode."""
     return f"{name}_mode_{mode}"
 
 
 def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> list[Quantity]:
-    """Return the quantities of separate laws, which uncoupled modes after the first have."""
+    """Return the quantities of the separate laws of uncoupled modes after the first."""
     return [
         quantity._replace(
             name=own_name(quantity.name, mode), symbol=f"{quantity.symbol}({mode})",
@@ -105,7 +105,7 @@ def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> li
 
 
 def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscillator, ...] | None:
-    """Return an oscillator with its own laws for each uncoupled mode; None if there is none."""
+    """Return an oscillator with its own laws for each uncoupled mode; None without such modes."""
     law_names = [quantity.name for quantity in quantities_of(laws)]
     if not law_names or own_name(law_names[0], 2) not in theta:
         return None

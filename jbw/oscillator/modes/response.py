@@ -108,7 +108,7 @@ def simulate_structure(
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
         num_samples = u.shape[-1]
-    # A velocity-dependent force needs two predictions of v, which the joint's step does not make.
+    # With a velocity-dependent force, v must be predicted twice, which a joint's step does not do.
     exact_step = options.exact_step and not callable(u)
     exact_step = exact_step and all(
         law.stepped and not law.feels_rate for law in laws_in(structure.laws)

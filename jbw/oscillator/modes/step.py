@@ -50,7 +50,7 @@ ModalPush = tuple[tuple[Any, ...], tuple[Any, ...], Any]
 
 
 class ModeStep(eqx.Module):
-    """The constants of one mode's time step, with weights of every joint's force.
+    """The constants of one mode's time step, with the weights of the joints' forces in it.
 
     For every joint: h, p, and the weights `on_y`, `on_v` of its r, h r', change of r and h r_1'.
     """
@@ -86,7 +86,7 @@ class Coupling(eqx.Module):
 
 
 class JointKernel(eqx.Module):
-    """The constants of a joint's time step that do not depend on other joints or modes.
+    """The constants of a joint's time step that are independent of other joints and modes.
 
     `bend_*` are the effects of h^2 r''/2 of the joint itself on its x and v.
     """
@@ -129,7 +129,7 @@ class ModalStep(eqx.Module):
 
 
 class FreeMotion(NamedTuple):
-    """The motion of a joint due to the modes alone, without joint forces during the step."""
+    """The motion of a joint due to the modes alone, if no joint force acts during the step."""
 
     x: Scalar
     v: Scalar
@@ -139,7 +139,7 @@ class FreeMotion(NamedTuple):
 
 
 class Begun(NamedTuple):
-    """A joint at the start of a step: constants, displacement, velocity and internal states."""
+    """A joint at the start of a step: constants, displacement, velocity, and internal states."""
 
     kernel: JointKernel
     x: Scalar
@@ -212,7 +212,7 @@ class ModalStepping(eqx.Module):
     pieces: tuple[Float[Array, " substep"], ...]
 
     def push(self, powers: tuple[Any, ...]) -> ModalPush:
-        """Return the effect of the input on each mode, from its coefficients in the substeps."""
+        """Return the effect of the input on each mode in a substep, from its polynomial there."""
         on_q, on_v = (
             tuple(weighted(weights, powers) for weights in modes)
             for modes in (self.on_q, self.on_v)
@@ -313,7 +313,7 @@ def modal_advance(
 
 
 def freely(step: ModalStep, motion: ModalMotion, push: ModalPush) -> ModalMotion:
-    """Return the change of each mode without the forces of the joints."""
+    """Return the change of each mode in a step without the forces of the joints."""
     modes = list(zip(step.modes, *motion, push[0], push[1], strict=True))
     rise = tuple(m.f_11 * y + m.f_12 * dy + on_y for m, y, dy, on_y, _ in modes)
     gain = tuple(m.f_21 * y + m.f_22 * dy + on_v for m, y, dy, _, on_v in modes)
@@ -323,7 +323,7 @@ def freely(step: ModalStep, motion: ModalMotion, push: ModalPush) -> ModalMotion
 def seen_by_joints(
     step: ModalStep, motion: ModalMotion, change: ModalMotion, u: Scalar
 ) -> tuple[FreeMotion, ...]:
-    """Return each joint's motion due to the free change of the modes, as five scalars."""
+    """Return each joint's motion due to the modes' change without joint forces."""
     q, v = motion
     pulls = tuple(
         m.damping * dy + m.stiffness * y for m, y, dy in zip(step.modes, q, v, strict=True)
@@ -352,7 +352,7 @@ def half_bend(at: Begun, a: Scalar) -> Scalar:
 
 
 def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Return how other joints' second time derivatives of force change one joint's x and v."""
+    """Return how the second time derivatives of other joints' forces change one joint's x and v."""
     if not half_bends:
         return ()
     pairs = list(zip(joint.by_others, half_bends, strict=True))
@@ -360,7 +360,7 @@ def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
 
 
 def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-    """Return how, for each joint, other joints' second time derivatives of force change x and v."""
+    """Return, for each joint, how second time derivatives of the others' forces change x and v."""
     return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
 
 
@@ -468,7 +468,7 @@ def driven(
     starts: Sequence[Remainder],
     passed: Sequence[Passed],
 ) -> ModalMotion:
-    """Return the modes at the end of a step: free change plus the effect of joint forces."""
+    """Return the modes at the end of a step: change without joint forces, plus their effect."""
     (q, v), (rise, gain) = motion, change
     forces = [
         (start.r, start.rate, end.r_1 - start.r, end.rate_1)

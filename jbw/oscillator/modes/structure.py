@@ -227,7 +227,7 @@ def _require_joints(structure: Structure, values: dict[str, Array], num_modes: i
 
 
 def _require_modes(structure: Structure) -> None:
-    """Raise if the numbers of a mode are invalid; traced values are not checked."""
+    """Raise if the numbers of a mode are invalid; values that JAX traces are not checked."""
     require_finite(structure)
     concrete = {
         name: np.asarray(getattr(structure, name))

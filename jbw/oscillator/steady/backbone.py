@@ -324,7 +324,7 @@ def tone_at_phase(
 def _imbalance(
     joint: Joint, omega: Scalar, y_peak: Scalar, x: Float[Array, " unknown"]
 ) -> Complex[Array, " harmonic"]:
-    """Return the residual of harmonic balance relative to Y; higher harmonics are relative, too."""
+    """Return the residual of harmonic balance; its harmonics are relative to the amplitude Y."""
     real, imaginary = jnp.split(x, 2)
     higher = jax.lax.complex(real, imaginary)
     q = jnp.asarray(y_peak * jnp.concatenate([jnp.ones(1, complex), higher]))

@@ -26,8 +26,8 @@ from jbw.oscillator.steady.waveform import num_turns, orders
 
 Packed = Float[Array, "2 *joint harmonic"]
 
-# Newton's last step measures the error of the one before; with quadratic convergence, the returned
-# value is accurate to round-off.
+# Newton's last step shows the error of the point before. Because convergence is quadratic, the
+# returned value is accurate to round-off.
 _TOLERANCE = 1e-8
 _MAX_NEWTON = 16
 _MAX_LOADS = 64
