@@ -57,7 +57,7 @@ def new_terms(
 
 
 def terms_of(fleet: xr.DataTree) -> tuple[list[str], list[str]]:
-    """Return the residual terms of a new unit, and the terms that only some units have."""
+    """Return the residual terms of a new unit, and the terms that only some of the units have."""
     held = [set(map(str, fleet[unit].data_vars)) & set(TERMS) for unit in unit_names(fleet)]
     every = [name for name in CONSTANTS if all(name in unit_terms for unit_terms in held)]
     return every, [name for name in TERMS if name not in every and any(name in o for o in held)]
@@ -71,7 +71,7 @@ def new_unit(
     seed: int = 0,
     num: int = NUM_UNITS,
 ) -> xr.DataTree:
-    """Return draws of new, unmeasured units in the form of one run's posterior, for predictions.
+    """Return draws of new, unmeasured units, in the same form as a single run's posterior.
 
     The variation between runs is that within the units, and the noise is the mean over the tests of
     all units. The fitted range ends at the smallest of the units' largest displacements. Constant
@@ -145,7 +145,7 @@ def new_prediction(
 
 
 def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
-    """Return the attributes of new units that predictions need.
+    """Return the attributes of new units that predictions need, such as laws and noise.
 
     `basis_of` reads them; tests are those of all measured units, not of the new unit.
     """
@@ -180,7 +180,7 @@ def torque_of(population: Population, torque: float | None) -> float | None:
 
 
 def _noise(fleet: xr.DataTree) -> tuple[list[str], np.ndarray]:
-    """Return the noise of all units' data groups; a unit's name precedes the group's label."""
+    """Return the noise of all units' data groups; the unit's name precedes the group's label."""
     labels, values = [], []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()

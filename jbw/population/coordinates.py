@@ -15,18 +15,18 @@ from jbw.population.model import UnitPosteriors
 from jbw.population.unit import GAIN
 
 STRUCTURE = ("omega_n", "zeta")
-NUM_KEPT = 400  # number of draws per unit, evenly spaced among all of its draws
+NUM_KEPT = 400  # number of draws that are kept of each unit, evenly spaced among all its draws
 # A unit is not pooled if more than this fraction of its posterior lies beyond the prior's bounds.
 CUT = 0.01
-# largest standard deviation of a logarithm for which a unit determines a coordinate in addition to
-# its law's products
+# largest standard deviation of a coordinate's logarithm with which a unit determines this
+# coordinate in addition to the products of its law
 KNOWN = 0.2
 
 Rows = Float[np.ndarray, "coordinate parameter"]
 
 
 class Pooled(NamedTuple):
-    """The quantities in which a fleet is pooled, with each unit's mean and covariance in them.
+    """The quantities in which a fleet is pooled, with each unit's mean and covariance of these.
 
     Attributes:
         names: Coordinates, whose logarithms have the population's distribution.
@@ -58,7 +58,7 @@ def parameters_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
-    """Return a fleet's pooled quantities: named ones, or all that every unit determines.
+    """Return a fleet's pooled quantities: the named ones, or all that every unit determines.
 
     The usual coordinates of a law are its products, which the data determine where parameters
     trade; the parameters that are in no product; and further coordinates where every unit
@@ -128,7 +128,7 @@ def _usual(fleet: xr.DataTree, parameters: Sequence[str]) -> list[str]:
 
 
 def _independent_of(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str]) -> Iterator[str]:
-    """Yield coordinates of the laws that are independent of the given ones and of each other."""
+    """Yield coordinates of the laws that are independent of given ones and of each other."""
     for name in monomials_of(laws_of(fleet)):
         longer = np.concatenate([powers, rows_of(laws_of(fleet), [name], parameters)])
         if np.linalg.matrix_rank(longer) > np.linalg.matrix_rank(powers):
@@ -164,7 +164,7 @@ def _require_whole(fleet: xr.DataTree, name: str) -> None:
 
 
 def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], Any]:
-    r"""Return the fraction of each unit's posterior that a prior cuts off, and that prior's name.
+    r"""Return the fraction of each unit's posterior that a prior cuts off, and which prior does.
 
     For a quantity that was not sampled itself, it is the part cut from each sampled parameter,
     times the share $\rho^2$ of the quantity's variance that this parameter explains. A product is

@@ -77,7 +77,7 @@ from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.study import Study
 
 FORMAT = 1
-FEWEST = 2  # smallest number of units between which a variation can be estimated
+FEWEST = 2  # smallest number of units from which the variation between units can be estimated
 ABOUT = {
     "torque": {"units": "N m", "long_name": "tightening torque"},
     "sequence": {"units": "1", "long_name": "number of the tightening"},
@@ -242,7 +242,7 @@ def _words(texts: Iterable[str]) -> Any:
 
 
 def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
-    """Return the quantities that are positive in every unit, and the others with their units."""
+    """Return the names of quantities that are positive in every unit, and all others with units."""
     every = dict.fromkeys(name for unit in units for name in unit.draws)
     lacking = {
         name: [u.name for u in units if name not in u.draws or not np.all(u.draws[name] > 0)]

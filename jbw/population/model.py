@@ -34,7 +34,7 @@ from jbw.population.prior import ALIKE, TORQUE, CovariateDesign, Prior
 from jbw.population.trend import SPREAD, expected
 
 FULL = (500, 1000, 2)  # numbers of warm-up steps, draws and chains of NUTS
-ROUGH = (300, 200, 1)  # the same numbers for a first estimate of the variation between units
+ROUGH = (300, 200, 1)  # the same three numbers, for a first estimate of the variation between units
 # target acceptance rate of NUTS: high, because the density is strongly curved near small tau and
 # correlations near 1
 ACCEPTED = 0.98
@@ -75,7 +75,7 @@ def population_model(
 def population_of_units(
     design: CovariateDesign, prior: Prior
 ) -> tuple[Float[Array, "unit d"], Float[Array, "d d"]]:
-    """Sample a population in NumPyro; return the units' means and the covariance's Cholesky root.
+    """Sample a population in NumPyro; return unit means and the Cholesky root of their covariance.
 
     The sites are `line` (d, covariate), `tau`, `root` (the Cholesky root of the correlations) and,
     where a coordinate saturates, `u`.
@@ -116,9 +116,10 @@ def log_weights(
     means: Float[Array, "unit d"],
     factor: Any,
 ) -> Float[Array, "which draw"]:
-    """Return log weights of the units' draws, given the units' means and the covariance's root."""
+    """Return log weights of the units' draws, given unit means and the root of their covariance."""
     apart = jnp.asarray(units.draws[which]) - means[which][:, None]
-    # One small inverse for all draws is thirty times faster than one solution per draw.
+    # The inverse root is computed once for all draws, which is thirty times faster than one
+    # solution per draw.
     root = jax.scipy.linalg.solve_triangular(factor, jnp.eye(len(factor)), lower=True)
     squares = jnp.sum((apart @ root.T) ** 2, axis=-1)
     log_det = jnp.sum(jnp.log(jnp.abs(jnp.diagonal(root))))

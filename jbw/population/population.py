@@ -221,7 +221,7 @@ def belonging(
     report: Callable[[str], Any],
     parts: Parts = unkept,
 ) -> Float[np.ndarray, " unit"]:
-    """Return each unit's p-value for belonging to the population of all other units."""
+    """Return each unit's p-value: whether the unit belongs to the population of all other units."""
     log_density, far = left_out(units, design, prior, draws)
     probability, doubted = np.zeros(len(units.mean)), []
     for k, unit_log_density in enumerate(log_density.T):
@@ -242,7 +242,7 @@ def belonging(
 def left_out(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, draws: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "draw unit"], Float[np.ndarray, "draw unit"]]:
-    """Return each unit's log density and tail probability in the population of all other units."""
+    """Return each unit's log density and tail probability in the other units' population."""
     m, c = jnp.asarray(units.mean), jnp.asarray(units.cov)
     d = m.shape[1]
     before = jnp.asarray(precision_of(prior, design))
@@ -252,8 +252,8 @@ def left_out(
         rows = _design_rows(design, d, drawn.get("u"))
         weighed = jnp.swapaxes(rows, 1, 2) @ jnp.linalg.inv(drawn["scatter"] + c)
         tells, pull = weighed @ rows, jnp.einsum("kij,kj->ki", weighed, m)
-        # Subtract the unit's own contribution from the sums over all units, which gives the line
-        # without it.
+        # Subtract the unit's own contribution from the sums over all units, because the trend line
+        # of a unit must not depend on the unit itself.
         others = jnp.linalg.inv(before + tells.sum(0) - tells)
         line = jnp.einsum("kij,kj->ki", others, at_zero + pull.sum(0) - pull)
         off = m - jnp.einsum("kij,kj->ki", rows, line)
@@ -271,7 +271,7 @@ def left_out(
 def _design_rows(
     design: CovariateDesign, d: int, u: Array | None
 ) -> Float[Array, "unit d coefficient"]:
-    """Return the matrix from the coefficients of the line to each unit's expected coordinates."""
+    """Return the matrix from the trend line's coefficients to each unit's expected coordinates."""
     x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
     if u is not None:
         j = design.columns.index(TORQUE)
@@ -321,7 +321,7 @@ def record_of(
 
 
 def own_over_scatter(pooled: Pooled, draws: Draws) -> Float[np.ndarray, "unit d"]:
-    """Return each unit's own standard deviation, divided by the variation between units."""
+    """Return each unit's own standard deviation divided by the variation between units."""
     unit_sd = np.sqrt(np.diagonal(pooled.cov, axis1=1, axis2=2))
     return unit_sd / np.median(draws["tau"], axis=(0, 1))
 
@@ -362,7 +362,7 @@ def _rows(
 def _ratios(
     fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, prior: Prior, draws: Draws
 ) -> dict[str, dict[str, float]]:
-    """Return the torque exponents of ratios of two products, such as gamma/delta."""
+    """Return the exponents of torque in ratios of two products, such as gamma/delta."""
     if TORQUE not in design.columns:
         return {}
     slope = draws["line"][..., design.columns.index(TORQUE)]
@@ -381,7 +381,7 @@ def _ratios(
 def _shares(
     units: UnitPosteriors, design: CovariateDesign, draws: Draws, names: list[str]
 ) -> dict[str, float]:
-    r"""Return the effective share of each unit's weighted draws, $(\sum w)^2 / (S \sum w^2)$.
+    r"""Return the effective fraction of each unit's weighted draws, $(\sum w)^2 / (S \sum w^2)$.
 
     The weights are those under the median of the population.
     """
@@ -403,7 +403,7 @@ def _correlation(design: CovariateDesign) -> float | None:
 
 
 def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:
-    """Return parameters that are not positive or unknown in some units, with these units."""
+    """Return parameters that are unknown or not positive in some units, with these units."""
     lacking = json.loads(fleet.attrs["left_out"])
     return {n: lacking[n] for n in parameters_of(fleet) if n in lacking and n != GAIN}
 
@@ -517,7 +517,7 @@ def _saturates(record: StoredPopulation) -> Iterator[str]:
 
 
 def _wrench(record: StoredPopulation) -> Iterator[str]:
-    """Yield the sentence on how the uncertainty of the torque itself affects a trend."""
+    """Yield the sentence on how errors of the stated torques affect a trend."""
     slopes = ((name, row.slope_torque) for name, row in record.parameters.items())
     medians = {name: abs(slope.median) for name, slope in slopes if slope is not None}
     if not record.has_trend or not medians:

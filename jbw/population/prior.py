@@ -27,7 +27,7 @@ BEDDING = 0.3
 # prior standard deviation of the difference between the slopes of two products that have the same
 # unit of measure (gamma/delta)
 ALIKE = 0.3
-# standard deviation of ln preload at a given torque, if bolts are tightened by torque control
+# standard deviation of ln preload at a given torque, for bolts that are tightened by torque control
 WRENCH = 0.1
 
 
@@ -49,7 +49,7 @@ class Prior(NamedTuple):
 
 
 class CovariateDesign(NamedTuple):
-    """The covariates of the units as columns, together with a column of ones.
+    """The covariates of the units as columns, preceded by a column of ones.
 
     Attributes:
         columns: Names of the columns: `mean`, then `torque` and `sequence`, as far as they vary.

@@ -49,14 +49,14 @@ def expected(
 
 
 def bent(log_ratio: Reals, u: Reals) -> Float[Array, "..."]:
-    """Return the saturating curve minus a power law of slope 1, at given ln(T/T_ref)."""
+    """Return the saturating curve minus a power law of exponent 1, at given ln(T/T_ref)."""
     return saturating(jnp.exp(jnp.asarray(log_ratio)), u) - jnp.asarray(log_ratio)
 
 
 def mask_of(
     saturating: Sequence[str], names: Sequence[str], columns: Sequence[str]
 ) -> Bool[np.ndarray, " d"]:
-    """Return a mask of the coordinates that saturate with torque, from their names."""
+    """Return a mask of those coordinates that saturate with torque, from their names."""
     for name in saturating:
         if name not in names:
             raise ConfigError(

@@ -22,11 +22,11 @@ from jbw.verification.predicted import noise_by_label
 
 GAIN = "gain"  # name of the source's gain, which is not a property of the joint
 NOISE = "noise"
-# first parts of the names of attributes that predictions need
+# first words of the names of those attributes that predictions need
 STARTS = ("tests", "substeps", "scatter")
 # largest number of parent folders in a unit's name, if its folder's name is not unique
 DEEPEST = 3
-# names of a fleet's own variables, which no unit may have
+# names of a fleet's own variables, which no unit may have as its name
 TAKEN = set(
     "torque sequence temperature assembly verdict sampling num_draws ess mean covariance lower "
     "upper beyond run_scatter unit parameter other".split()
@@ -38,7 +38,7 @@ class Unit(NamedTuple):
 
     name: str
     laws: tuple[str, ...]
-    # draws of each quantity in its unit, all chains in one row
+    # draws of each quantity, in the unit of the quantity; the draws of all chains are in one row
     draws: Mapping[str, NDArray[np.float64]]
     quantities: Mapping[str, Quantity]  # unit, symbol and meaning of each quantity
     # lower and upper bound of the uniform prior of each sampled parameter
@@ -156,7 +156,7 @@ def _gain(
 def _quantities(
     posterior: xr.Dataset, laws: Sequence[str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
-    """Return a run's draws of parameters, products and other coordinates, with descriptions."""
+    """Return a run's draws of parameters, products and other coordinates; also descriptions."""
     by_name = {quantity.name: quantity for quantity in (*OSCILLATOR, *quantities_of(laws))}
     # The gain comes last, because it belongs to the source and not to the joint.
     by_name[GAIN] = by_name.pop(GAIN)

@@ -80,7 +80,7 @@ def view_of(
 
 
 def _moved(group: xr.Dataset, mode: int, view: View) -> Float[np.ndarray, "node 2"]:
-    """Return the displaced nodes of a mode shape, projected in a view."""
+    """Return the displaced nodes of a mode shape, projected on the two directions of a view."""
     position = group["position"].values
     scale = EXAGGERATED * np.ptp(position, axis=0).max()
     return (position + scale * group["deflection"].values[mode]) @ view.directions.T
@@ -98,7 +98,7 @@ def _draw_shape(panel: Axes, group: xr.Dataset, mode: int, view: View) -> None:
 
 
 def _draw_joints(panel: Axes, group: xr.Dataset, joints: xr.Dataset, mode: int, view: View) -> None:
-    """Draw a mark at each joint, whose area grows with the joint's share of the strain energy."""
+    """Draw a mark at each joint; the area grows with the joint's share of the strain energy."""
     moved, nodes = _moved(group, mode, view), group["node"].values.tolist()
     for i, name in enumerate(joints["joint"].values):
         weights = group["weight"].sel(joint=name)
@@ -180,7 +180,7 @@ def joint_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _draw_loop(pair: Panels, joint: xr.Dataset, units: xr.Dataset | None) -> None:
-    """Draw a joint's loop, and below it the loop minus its secant line."""
+    """Draw a joint's loop, and below this loop the loop minus its secant line."""
     name = str(joint["joint"].values)
     x, force = (np.append(joint[n].values, joint[n].values[0]) for n in ("motion", "loop"))
     peak = int(np.argmax(np.abs(x)))

@@ -79,7 +79,7 @@ def write_brief(
 def draw_brief(
     summary: RunSummary, tree: xr.DataTree, today: datetime.date | None = None
 ) -> Figure:
-    """Draw the brief as a figure; arguments as for `write_brief`."""
+    """Draw the brief as a figure; the arguments are those of `write_brief`."""
     figure = Figure(figsize=(WIDTH, HEIGHT))
     quantities = names_of(tree, summary)
     top = HEIGHT - MARGIN
@@ -173,8 +173,8 @@ def _levels(tree: xr.DataTree) -> Cells:
     for part, (low, hertz, high), (least, ratio, most) in zip(
         PARTS, frequency, damping, strict=True
     ):
-        # Q falls where the damping rises, so the ends of the interval are exchanged. Without
-        # damping, Q is infinite.
+        # Q falls where the damping rises, so the ends of the interval are exchanged. Q is infinite
+        # without damping.
         quality = NOTHING if least <= 0 else _interval(*(0.5 / x for x in (most, ratio, least)))
         rows.append(
             (
@@ -195,7 +195,7 @@ def _levels(tree: xr.DataTree) -> Cells:
 
 
 def _interval(low: float, middle: float, high: float) -> str:
-    """Format a value with its interval; the interval's width determines the number of digits."""
+    """Format a value with its interval; the width of the interval determines the digits."""
     widened = max(0.2, 1e-5 * abs(middle) / (high - low)) if high > low else 0.2
     return interval(low, middle, high, widened)
 
@@ -278,7 +278,7 @@ def _worst(rows: Sequence[StoredTest]) -> str:
 
 
 def _foot(figure: Figure, summary: RunSummary, tree: xr.DataTree) -> None:
-    """Draw the final lines of the brief: how to read the results, and which run they come from."""
+    """Draw the final lines of the brief: how to read results, and which run they come from."""
     created_at = (
         str(tree["posterior"].attrs.get("created_at", "")) if "posterior" in tree.children else ""
     )

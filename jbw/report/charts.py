@@ -80,7 +80,7 @@ def traces(ax: Axes) -> list[Trace]:
             look = {"mode": "markers" if marked else "lines", "marker": {"color": colour}}
             look |= {"line": {"color": colour, "width": 1.3, "dash": dash}}
         label = str(artist.get_label())
-        # Numbers are stored as 32-bit floats, which halves the size of the file.
+        # Numbers are stored as 32-bit floats, because this halves the size of the file.
         values = {"x": np.asarray(x, np.float32), "y": np.asarray(y, np.float32)}
         legend = {"name": shown_text(label), "showlegend": not label.startswith("_")}
         drawn_traces.append({**values, **legend, "legendgroup": colour, **look})
@@ -111,7 +111,7 @@ def _called(name: str, test: xr.Dataset) -> str:
 
 
 def _draw(ax: Axes, x: Any, model: Any, measured: Any, colour: str, name: str) -> None:
-    """Draw one of several tests on an interactive chart, everything in one colour."""
+    """Draw one of several tests on an interactive chart, with everything in one colour."""
     shade(ax, x, model[0], model[2], colour, "_band")
     ax.plot(x, model[1], color=colour, label="_median")
     ax.plot(x, measured, "o", color=colour, label=f"measured, {name}")

@@ -27,7 +27,8 @@ from jbw.report.result import (
 from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, title
 from jbw.report.text import NOTHING, number, percent, plain, quantity, shown_as, spread_text
 
-# for each law with memory: the initial stiffness of its force, and the rate of this force
+# for each law with memory: the symbol of the initial stiffness of its force, and the equation for
+# the rate of this force
 RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}
 SPRINGS = {"cubic": "λ₃ y³"}
 MOST = 6  # largest number of parameters in the drawing
@@ -126,7 +127,7 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
 
 
 def _spread(parameter: PosteriorParameter) -> str:
-    """Return a parameter's median, with half of its 99 % interval, as text."""
+    """Return a parameter's median, plus or minus half of its 99 % interval, as text."""
     shown = shown_as(parameter.name, parameter.unit)
     return spread_text(shown.factor * parameter.draws, shown.unit)
 

@@ -159,7 +159,7 @@ class Files(NamedTuple):
 
 
 class Beside(Protocol):
-    """A second process that draws figures of a saved result at the same time."""
+    """A second process that draws figures of a saved result at the same time as this process."""
 
     def ask(self, result: Path, names: Sequence[str], files: "Files | None") -> bool:
         """Ask the second process to draw figures by name; return False if it cannot draw them."""
@@ -203,7 +203,7 @@ def draw_figures(
 
 def draw_when_asked() -> None:
     """Run the second process: draw the figures that a line of standard input names."""
-    # The requesting process handles the interrupt and ends this one.
+    # The process that asks for figures handles an interrupt and ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Standard output must contain nothing but the answer.
     answer, sys.stdout = sys.stdout, sys.stderr
@@ -221,7 +221,7 @@ def draw_when_asked() -> None:
 
 
 def _drawn(entry: ReportFigure, tree: xr.DataTree, files: Files | None) -> DrawnFigure:
-    """Draw one figure; if that fails, return the reason, so that the rest of the report remains."""
+    """Draw one figure; if this fails, return the reason, so that the rest of the report remains."""
     drawn = DrawnFigure()
 
     def written(figure: Figure, end: str = "") -> str:

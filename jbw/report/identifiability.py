@@ -71,7 +71,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _in_lines(text: str, most: int = 22) -> str:
-    """Wrap a combination after its signs, or a list after its names, to the width of a line.
+    """Wrap a combination after its signs, or a list after its names, to a line's width.
 
     A long list is shortened to its first names and the number of the others.
     """
@@ -169,7 +169,7 @@ def _waterfall(costs: Sequence[float | None]) -> str:
 
 
 def _shift(move: StoredShift | None, quantities: Names) -> str:
-    """Return the shift of a posterior mean with a prior bound [sd], and that bound."""
+    """Return by how much a posterior mean shifts with a prior bound [sd], and which bound it is."""
     if move is None or not move.box:
         return NOTHING
     size = "∞" if move.shift is None else number(move.shift, 0.1)

@@ -21,8 +21,9 @@ from jbw.report.words import Badge
 from jbw.results.laws import StoredLaws
 
 LOOKS = [(colour, dashes) for dashes in ("-", "--", ":") for colour in LEVELS]
-RUN_ROW = 0.22  # height of the line of one session [in]
-# number of laws that are drawn at once; a further figure, which opens on a click, shows the others
+RUN_ROW = 0.22  # height of the line of one test session [in]
+# number of laws that one figure draws; a second figure, which opens on a click, shows the other
+# laws
 MOST = 4
 LAW_ROW = 1.9  # height of a law's panels [in]
 ROUND = 0.35  # margin around the points and the best law, as a fraction of their range

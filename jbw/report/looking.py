@@ -108,7 +108,8 @@ def time_history(
     samples = np.asarray(record.channels[channel], float)
     time = np.arange(samples.size) / record.fs
     if samples.size > 2 * COLUMNS:
-        # The extremes of a slow motion are close together; the drawn edge keeps the area visible.
+        # The edge is drawn, because the extremes of a slow motion are so close that the area alone
+        # is invisible.
         ends = extremes(time, samples, samples, COLUMNS)
         shade(only, *ends, colour, channel, alpha=0.8, lw=0.6)
     else:

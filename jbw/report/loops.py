@@ -45,7 +45,7 @@ class Areas(NamedTuple):
 
 
 def enclosed_areas(test: xr.Dataset, ending: str = "") -> Areas | None:
-    """Return a test's loop areas (suffix `_viscous`: with viscous force); None if missing."""
+    """Return a test's loop areas (suffix `_viscous`: including viscous force); None if missing."""
     names = (f"measured_area{ending}", f"model_area{ending}")
     if any(name not in test for name in names):
         return None
@@ -76,7 +76,7 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def secant(y: Curve, force: Curve) -> float:
-    """Return the secant stiffness between the turning points of a loop [1/s^2]."""
+    """Return the secant stiffness of a loop, between its turning points [1/s^2]."""
     top, bottom = int(np.nanargmax(y)), int(np.nanargmin(y))
     return float((force[top] - force[bottom]) / (y[top] - y[bottom]))
 
@@ -223,7 +223,8 @@ def draw_loops(tree: xr.DataTree, only: Axes) -> None:
     small = bool(np.nanmax(np.abs(slip)) < LITTLE * np.nanmax(np.abs(z)))
     largest = float(y.max())
     factor, unit = length_unit(largest)
-    if not small:  # This line is Z = K y, the joint without slip; it ends slightly above the loops.
+    # This line is Z = K y, the force without slip; the line ends slightly above the loops.
+    if not small:
         stiffness, top = float(curve["stuck"].isel(quantile=1)), 1.15 * float(np.nanmax(z))
         end = min(largest, top / abs(stiffness)) if stiffness else largest
         stuck = np.array([-end, end])

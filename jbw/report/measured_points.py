@@ -12,7 +12,8 @@ from jbw.report.style import INK, SKY
 from jbw.report.text import plain
 
 MARKERS = "osD^v<>"  # one marker per kind of test, repeated if there are more kinds
-# Measurements within this range, relative to the largest motion, are repeats of one another.
+# Values within this range of the measured motion, relative to the largest, are repeats of one
+# another.
 ALIKE = 0.1
 # relative distance from the joint's frequency, beyond which a measured frequency is another mode's
 OTHER_MODE = 0.15
@@ -78,7 +79,7 @@ def _points(test: xr.Dataset, curve: xr.Dataset) -> MeasuredPoints:
 def draw_points(
     ax: Axes, points: list[MeasuredPoints], name: str, factor: float, scale: float
 ) -> None:
-    """Draw measured values against amplitude, with one open symbol per kind of test."""
+    """Draw measured values against amplitude, with a separate open symbol per kind of test."""
     kinds = list(dict.fromkeys(reading.kind for reading in points))
     for kind, is_fitted in dict.fromkeys((reading.kind, reading.is_fitted) for reading in points):
         of_kind = [

@@ -22,7 +22,7 @@ def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
 
 
 def half_width(edges: NDArray[np.float64], measured: NDArray[Any]) -> float:
-    """Return half the rms width of a band, relative to the rms of the measured values.
+    """Return half the rms width of a band, divided by the rms of the measured values.
 
     If this is large, a band that contains every value says little.
     """
@@ -76,13 +76,13 @@ def recentred(
 def about_law(
     model: Shaped[np.ndarray, " draw *value"], others: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Move the draws' median to the law's own prediction, if given; return other models as well."""
+    """Move the draws' median to the law's own prediction, if given; return the other models too."""
     rest = {name: values for name, values in others.items() if name != LAW}
     return (recentred(model, others[LAW]) if LAW in others else model), rest
 
 
 def within(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which values lie inside a band."""
+    """Return which values lie inside a band of quantiles."""
     return (values >= edges[0]) & (values <= edges[-1])
 
 
@@ -107,7 +107,7 @@ def beside(
     noise_std: float | NDArray[np.float64] | None,
     unit: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return measured values with the model's band and, if noise is known, the band with noise."""
+    """Return measured values with the model's band and, if known, the band including noise."""
     dims = ("quantile", dim)
     variables = {"measured": (dim, measured, unit), "model_band": (dims, band(model), unit)}
     if noise_std is not None:

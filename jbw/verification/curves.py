@@ -72,7 +72,7 @@ def predict_curve(source: Source, test: Test) -> Predicted:
 
 
 def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
-    """Predict the harmonics of all curves: of the response, or of the force if that was free."""
+    """Predict the harmonics of all curves: of the response, or of the force if this was free."""
     predictions: dict[int, Predicted] = {}
     for residuals in dict.fromkeys(curve.test.residuals for curve in curves):
         indices = [i for i, curve in enumerate(curves) if curve.test.residuals == residuals]
@@ -130,7 +130,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
 def _carried(
     data: Points, draws: Draws
 ) -> tuple[Complex[np.ndarray, "draw group value"], NDArray[np.float64]]:
-    """Predict the values of each data group for every draw; also return peak displacements."""
+    """Predict the values of each data group for every draw; return peak displacements as well."""
     point, column = np.asarray(data.point), np.asarray(data.position)[:, None]
     is_point = np.asarray(data.factor) != 0  # A group's row is padded after its last point.
     held = np.array(data.of_force)
@@ -149,14 +149,14 @@ def _carried(
 
 
 def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group value"]:
-    """Return the source with which the model would have the measured motion of each data group."""
+    """Return the source amplitudes with which the model would have the measured motion."""
     return data.factor * force_of(theta, data)[data.point] / theta["gain"]
 
 
 def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmonic"]:
     """Return the odd harmonics of displacement at each point, for every draw."""
-    # Newton's method starts from the measured motion, which is close only if the model is right,
-    # and later from the median of the draws.
+    # Newton's method starts from the measured motion, which is close only if the model is right.
+    # Later rounds start from the median of the draws.
     motion = np.asarray(carry(motion_of, draws, data), complex)
     for _ in range(ROUNDS - 1):
         median = middle(motion)

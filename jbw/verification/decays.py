@@ -40,7 +40,8 @@ from jbw.verification.predicted import (
 # relative standard deviation of frequency between records, assumed if no decay was fitted
 NO_SHIFT = 1e-6
 MISSED_KEY = 1  # number from which the random key of the model discrepancy is derived
-# number of iterations for a record's own frequency; each reduces the phase error tenfold
+# number of iterations for a record's own natural frequency; each one reduces the phase error
+# tenfold
 OWN_STEPS = 8
 # noise relative to the record's rms, so small that the initial state follows the record
 SILENT = 1e-6
@@ -56,7 +57,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
             noise = RepeatNoise(float(stored.mean(draws).median()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.mean) ** 2)))
     compared = _compared(source, test, data, np.full(len(test.records), std))
-    # The strongest record starts with this displacement and moves at the natural frequency.
+    # The starting displacement is that of the strongest record, at the natural frequency.
     order = derivative_order(data.response)
     strongest = max(comparison.attrs["level"] for comparison in compared)
     peak = strongest / source.draws["omega_n"] ** order
@@ -137,8 +138,8 @@ def _compared(
         held_out = i >= num_fitted
         size = num_begun(source.draws, data) if held_out else data.mean.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
-        # Names are part of a compiled program: with one name for all records, one program is
-        # enough.
+        # All records get the same name, because names are part of a compiled program; one program
+        # is then enough.
         only, name = data.only(i, size), ("record",)
         groups = changed(only.groups, labels=name, runs=name, noise_std=np.array([noise]))
         seen = replace(only, groups=groups)
@@ -150,7 +151,8 @@ def _compared(
             float(np.abs(measured_envelope[k])) / omega_n ** derivative_order(data.response)
             for k in (0, np.searchsorted(time[:-1], seen_s))
         )
-        # At first the record does not yet show the error of the law; later its smaller motion does.
+        # The discrepancy is taken at two amplitudes: where the record begins, and where its
+        # prediction begins.
         at_begin, at = (
             NOTHING if missed is None else missed.at(y, of_decay=True) for y in (begin, end)
         )

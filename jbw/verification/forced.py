@@ -65,7 +65,7 @@ class ForcedTests:
     def attempted(
         self, test: Test, build: Callable[[], Placed], what: str = ""
     ) -> dict[str, xr.Dataset]:
-        """Make a test's comparisons; if one of them fails, return the comparisons made before."""
+        """Make a test's comparisons; if one fails, return the comparisons made before it."""
         under_way.info("%s", test.name)
         made: dict[str, xr.Dataset] = {}
         what = messages.comparison_of(test.name, what)
@@ -84,14 +84,14 @@ class ForcedTests:
     def beside(
         self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
-        """Return the draws that predict a test; they are those of its run if that was fitted."""
+        """Return the draws that predict a test, namely the draws of its run if this was fitted."""
         missed = self.missed(test) if discrepancy is None else discrepancy
         references = of_run(self.simpler, self.basis.run_of(test), drive_of(test))
         how = {"seed": self.seed, "references": references}
         return source_of(self.basis, test, num_draws, missed, **how)
 
     def marks(self, test: Test) -> dict[str, Any]:
-        """Return a test's attributes: whether it was fitted, and what its bands include."""
+        """Return a test's attributes: whether it was fitted, and what the test's bands include."""
         flags = {
             "fitted": int(test.name in self.fitted), "offsets": int(len(self.basis.scatter) > 0)
         }  # fmt: skip
@@ -144,7 +144,7 @@ class ForcedTests:
             yield self.marked("curve", name, curve.test, predicted)
 
     def whole(self, test: Test) -> Placed:
-        """Yield the comparison of a test with the prediction for its kind of test."""
+        """Yield the comparison of a test with the prediction that its kind of test defines."""
         source = self.beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS)
         yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
 

@@ -109,7 +109,7 @@ def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
     errors = [float(np.nan_to_num(attrs["nrmse"], nan=np.inf)) for attrs in unseen]
     linear = [attrs.get("nrmse_linear", np.nan) for attrs in unseen]
     scatter = [attrs.get("scatter", np.nan) for attrs in unseen]
-    # The noise of other tests does not apply to harmonics and loops at another level.
+    # The noise of other tests is not valid for harmonics and loops at another level.
     sized = [
         (attrs["coverage"], attrs.get("num_values", 0))
         for attrs in unseen
@@ -142,7 +142,7 @@ def status_of(seen: Seen, limit: float) -> Status:
 
 
 def _of_others(graded: Finding) -> Sequence[Amendment]:
-    """Return the amendments by which a grade replaces other findings on the law."""
+    """Return amendments by which the grade of a law replaces other findings on the law."""
     if graded.status == "not assessed":
         return ()
     others = tuple(code for code in ASKED["law"] if code not in (GRADE, "cause", "no_hysteresis"))

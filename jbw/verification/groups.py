@@ -105,7 +105,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
         attrs |= {"level": test.level, "level_unit": level_unit}
 
     def relative(values: np.ndarray) -> np.ndarray:
-        """Return 1 plus the error of values relative to the reference value."""
+        """Return 1 plus the error of values divided by the reference value."""
         return 1.0 + (values - group.measured) / reference
 
     others = {name: relative(values) for name, values in group.others.items()}
@@ -115,7 +115,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
 
 
 def groups_of(source: Source, test: Test, part: Observable) -> Iterator[Group]:
-    """Yield the data groups of a test with the predictions of model and reference models."""
+    """Yield the data groups of a test, with predictions by the model and the reference models."""
     predicted, others = source.observed(part)
     plain = np.abs if part.groups.is_complex else np.asarray
     for i, label in enumerate(part.groups.labels):

@@ -117,8 +117,7 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
     """Simulate the model under a test's first recorded input, with the run's step by default."""
     test = on_time(test)
     record = test.records[0]
-    # Use the repeats that have the input of the first record: their inputs differ by less than a
-    # tenth.
+    # Use the repeats whose input differs from that of the first record by less than a tenth.
     u = record.channels[record.source]
     repeats = {
         name: repeat

@@ -159,7 +159,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """Return the compared law that predicts a test best, by the test's kind and amplitude."""
+    """Return the law, among compared ones, that best predicts a test's kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):
@@ -170,7 +170,7 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 
 
 def _reach(basis: Basis, test: Test, request: Request) -> float:
-    """Return a test's largest displacement / largest fitted displacement, from a few draws."""
+    """Return a test's largest displacement, divided by the largest fitted one, from a few draws."""
     if route_of(test) is predict_decay:
         return 1.0  # The displacement is unknown before the prediction.
     gain = _gain_for(basis, test, request)
@@ -179,7 +179,7 @@ def _reach(basis: Basis, test: Test, request: Request) -> float:
 
 
 def _by_few_draws(basis: Basis, test: Test, gain: float | None, seed: int) -> Predicted:
-    """Predict a test from a few draws, to find its amplitude."""
+    """Predict a test from a few draws, to estimate the amplitude of the test."""
     draws = basis.draws_for(test, LANES, gain, seed)
     return route_of(test)(Source(basis, draws, seed=seed), test)
 

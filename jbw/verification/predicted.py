@@ -64,7 +64,7 @@ class Predicted(NamedTuple):
         return (float(np.median(self.peak)),)
 
     def extrapolation(self, basis: Basis) -> float | None:
-        """Return the largest predicted displacement (99.5 %) / the largest fitted displacement."""
+        """Return the ratio of largest predicted (99.5 %) to largest fitted displacement."""
         if self.peak is None or basis.y_peak <= 0:
             return None
         return float(band(self.peak)[-1]) / basis.y_peak
@@ -79,8 +79,8 @@ class Source:
     # Parameters and laws of the reference models, which have no hysteresis.
     references: Mapping[str, tuple[Mapping[str, float], Laws]] = field(default_factory=dict)
     noise: bool = True  # whether bands include known noise
-    # Noise level that replaces an unknown one: 0 for bands of the parameters alone, None for no
-    # coverage.
+    # Noise level that replaces an unknown one: 0 for bands from the parameters alone; None if
+    # coverage is not stated.
     bare: float | None = None
     seed: int = 0
     # Draws of other laws, which are appended to the draws of this run's law.
@@ -127,7 +127,7 @@ class Source:
         return *about_law(model, others), self.std(known, model, num_repeats, share)
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
-        """Return the predictions of all draws, and those of each reference model by name.
+        """Return the predictions by all draws, and by each reference model by name.
 
         If the draws include a model discrepancy, the law without it is a reference named `LAW`.
         """
@@ -188,8 +188,8 @@ def is_measured(test: Test) -> bool:
 
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
     """Evaluate a prediction for every draw, several in parallel, by one compiled program."""
-    # `predict` must be a function of a module, so that its compiled program is found again. In this
-    # program all of `args` except arrays are constant.
+    # `predict` must be a function of a module, because its compiled program is then found again. In
+    # this program all of `args` except arrays are constant.
     return at_points(_prediction, draws, (predict, args), lanes=min(LANES, count_of(draws)))
 
 
@@ -235,7 +235,7 @@ def noise_of(
 
 
 def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
-    """Return the possible labels of a test's data groups for a harmonic order."""
+    """Return the labels that a test's data groups may have for a harmonic order."""
     names = [name, seen.family] if seen.family else [name]
     harmonics = [harmonic_label(group_name, order) for group_name in names] if order else []
     return harmonics + (names if order < 2 else [])

@@ -87,7 +87,7 @@ class Basis:
     discrepancy: Discrepancy | None = None  # model discrepancy of the law; None if unknown
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
-        """Return the number of draws that each law contributes, with the basis of that law."""
+        """Return each law's number of draws, with the basis for predictions by this law."""
         counts = [(round(share * num_draws), basis) for share, basis in self.beside]
         counts = [(count, basis) for count, basis in counts if count >= 2]
         num_first = num_draws - sum(count for count, _ in counts)
@@ -138,7 +138,7 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """Return the draws that predict a test; if its run was fitted, with its omega_n and zeta.
+        """Return the draws that predict a test; for a fitted run, with the run's omega_n and zeta.
 
         Free decays use draws of their own posterior and no gain.
         """
@@ -155,7 +155,7 @@ class Basis:
         return self._complete({name: values[indices] for name, values in theta.items()}, gain)
 
     def run_of(self, test: Test) -> str | None:
-        """Return the name of a test's run if that run was fitted; None for a new run."""
+        """Return the name of a test's run if this run was fitted; None for a new run."""
         fitted_runs = () if self.runs is None else self.runs["run"].values.tolist()
         names = (name for name in (run_of(test), family_of(test)) if name in fitted_runs)
         return next(names, None) if test.name in self.seen else None
@@ -240,7 +240,7 @@ def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
         return draws
     b = std * generator(key).standard_normal((count_of(draws), len(OFFSETS)))
     moved = {name: draws[name] + b[:, i] for i, name in enumerate(OFFSETS)}
-    # Damping must stay positive, so an offset reduces it to a hundredth at most.
+    # Damping must stay positive, so an offset reduces the damping to a hundredth at most.
     return {**draws, **moved, "zeta": np.maximum(moved["zeta"], 0.01 * draws["zeta"])}
 
 
@@ -309,7 +309,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
 
 
 def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Dataset:
-    """Return the posterior that predicts free decays: their own one, unless it lacks the joint."""
+    """Return the posterior that predicts free decays: their separate one, if it has the joint."""
     place = "/steps/decay/posterior"
     own = tree[place].to_dataset() if place in tree.groups else posterior
     of_joint = {quantity.name for quantity in quantities_of(laws)} & set(posterior)

@@ -131,7 +131,7 @@ def _fitted(
         data, scatters=joint.scatters, scatter=jax.device_put(FREELY * np.asarray(joint.scatter))
     )
     offsets = before.runs
-    for _ in range(2):  # The second round is linearised about the offsets of the first.
+    for _ in range(2):  # The second round is linearised about the run offsets of the first round.
         data = with_directions(theta, data, offsets)
         theta = costly_fit(stacked, box(within), data, starts=theta, **close).theta
         offsets = best_offsets(theta, data)

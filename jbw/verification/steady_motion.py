@@ -162,7 +162,7 @@ def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.fl
 def _kinematics(
     x: NDArray[np.float64], fs: float, band_hz: tuple[float, float], response: str
 ) -> list[NDArray[np.float64]]:
-    """Return displacement, velocity and acceleration from whichever of them was measured."""
+    """Return displacement, velocity and acceleration, from whichever of these was measured."""
     order = derivative_order(response)
     motions = [x]
     for _ in range(order):

@@ -16,7 +16,7 @@ def causes(explained: Sequence[tuple[float, str]]) -> str:
 
 
 def residual_term(constant: float) -> FaultText:
-    """Return the fault that modes outside the band respond, with the line for fitting them."""
+    """Return the fault that modes outside the band respond, with the line to fit these modes."""
     return FaultText(
         f"Modes outside the band respond by {constant:.3g} m per unit of the input.",
         "A model of one mode does not contain this response.",

@@ -4,7 +4,7 @@ from jbw.report.messages.message import FaultText, number, percent
 
 
 def lost_block(at_s: float, jump_s: float, keep: str) -> FaultText:
-    """Return the message that the response's lag jumps [s], and how to keep the part before it."""
+    """Return the message that the response's lag jumps [s], and how to keep what comes before."""
     ahead = "ahead of" if jump_s < 0 else "behind"
     return FaultText(
         f"At {at_s:.3g} s the response jumps by {abs(jump_s):.3g} s {ahead} the drive: one of the "
@@ -40,7 +40,7 @@ def another_delay(lag_s: float, stated_s: float | None = None) -> FaultText:
 
 
 def drop_off(share: float, noise: float) -> FaultText:
-    """Return the message that the drive drops at the resonance, with the fraction of noise."""
+    """Return the message that the drive drops at the resonance, with its fraction of noise."""
     return FaultText(
         f"At the resonance the drive falls to {share:.2g} times its usual level, and "
         f"{percent(noise, '.0f')} of the measured drive is then noise.",

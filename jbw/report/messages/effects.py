@@ -59,7 +59,7 @@ def damping_at(y: float) -> str:
 
 
 def turning(y: float, hz: float, last: float) -> str:
-    """Return the clause on a frequency that stops falling at an amplitude [m], with values [Hz]."""
+    """Return the clause that a frequency stops falling at an amplitude [m], and its values [Hz]."""
     first, then = ("falls", "rises") if last > hz else ("rises", "falls")
     return (
         f"the frequency {first} to {hz:.4g} Hz at {number(1e6 * y)} um, then {then} to "
@@ -68,13 +68,13 @@ def turning(y: float, hz: float, last: float) -> str:
 
 
 def frequency_falls(softening: Estimate, exponent: Estimate) -> str:
-    """Return the clause on the frequency's change and on its power of the amplitude."""
+    """Return the clause on how frequency changes, and with what power of the amplitude."""
     change = _trend(_negative(softening), rises="rises", falls="falls")
     return f"the frequency {change}, with the amplitude to the power {_number(exponent)}"
 
 
 def damping_grows(damping: Estimate, exponent: Estimate) -> str:
-    """Return the clause on the damping ratio's change and on its power of the amplitude."""
+    """Return the clause on how damping changes, and with what power of the amplitude."""
     change = _trend(damping, rises="grows", falls="shrinks")
     return f"the damping ratio {change}, with the amplitude to the power {_number(exponent)}"
 
@@ -92,7 +92,7 @@ def _negative(change: Estimate) -> Estimate:
 
 
 def readings(count: int, range_mm: tuple[float, float], of_frequency: str, of_damping: str) -> str:
-    """Return the sentence on measured frequency and damping: number, range and changes."""
+    """Return the sentence on measured frequency and damping: their number, range and changes."""
     low, high = range_mm
     return (
         f"{count} values of frequency and damping between {low:.2g} and {high:.2g} mm: "

@@ -26,7 +26,7 @@ def directions(learnt: int, total: int) -> str:
 
 
 def grade(kind: str, parameters: Sequence[str]) -> str:
-    """Return the sentence on the parameters of one grade of accuracy, each with its error."""
+    """Return the sentence on parameters of one grade of accuracy, with the error of each."""
     return GRADES[kind].format(listed(parameters))
 
 
@@ -36,7 +36,7 @@ def with_error(name: str, value: float, sd: float, ratio: float) -> str:
 
 
 def tie(product: str, times: float) -> str:
-    """Return the sentence that a product of parameters is better identified than its factors."""
+    """Return the sentence that a product of parameters is better identified than the factors."""
     size = f"{times:.0f}" if times >= 10 else f"{times:.2g}"
     return (
         f"{product} is {size} times more certain than each of its factors, because errors of the "

@@ -20,7 +20,7 @@ BESIDE_MATRICES = (
 
 
 def with_shaker(drive: str) -> str:
-    """Return the sentence that omega_n and zeta are those with the shaker's armature attached."""
+    """Return the sentence that omega_n and zeta include the mass of a shaker's armature."""
     return (
         f"Every test is driven by {drive}, so that omega_n and zeta are those of the structure "
         "together with the armature of its shaker."
@@ -60,7 +60,7 @@ def heavy(limit: float) -> str:
 
 
 def mode_moves(before: tuple[float, float], after: tuple[float, float]) -> str:
-    """Return frequency [Hz] and damping ratio of a mode, without and with a shaker, as text."""
+    """Return frequency [Hz] and damping ratio of a mode as text, without and with a shaker."""
     modes = (f"{hz:.4g} Hz ({percent(zeta, '.2f')})" for hz, zeta in (before, after))
     return " to ".join(modes)
 
@@ -72,7 +72,7 @@ def shaker_reading(
     residual: tuple[float, float],
     moved: str,
 ) -> str:
-    """Return the sentence on an identified shaker: gain, delay and attachment.
+    """Return the sentence on an identified shaker: its gain, its delay and its attachment.
 
     Its gain [N/V], the attachment's mass [kg], damping [N s/m] and stiffness [N/m], the residual
     of the force with and without the attachment, and how the modes move.
@@ -93,7 +93,7 @@ def of_clock(error: float) -> str:
 
 
 def included(errors: Sequence[str], missing: Sequence[str]) -> str:
-    """Return the sentence on which instrument errors the intervals include."""
+    """Return the sentence that says which instrument errors the intervals include."""
     listed = ", ".join(errors) or "none"
     not_stated = f"; not stated: {', '.join(missing)}" if missing else ""
     return (

@@ -10,7 +10,7 @@ SAME_CURVES = "every motion depends only on the sum of the virgin curves of all 
 SAME_EXPONENT = "with an exponent of 1 the two laws are the same"
 EVEN_SQUARE = "`square` is a spring whose force is even in the displacement"
 
-# what records below a threshold of a law leave undetermined
+# quantities that stay undetermined if no record exceeds a threshold of a law
 BEHIND_GAP = "the parameters that act once the gap closes"
 STUCK_SLIDER = "its stiffness (the data determine only its sum with other stuck sliders)"
 
@@ -31,7 +31,7 @@ def no_bounds(names: Sequence[str]) -> str:
     return f"`prior` must bound every parameter of `table`, but has no {', '.join(names)}."
 
 
-# what a method of an externally defined law must agree with
+# other computation with which a method of an externally defined law must agree
 A_SCALAR = "a scalar; its number of axes must be"
 SMOOTH_AT_REST = "differentiable at rest, for example with the slope"
 INTEGRAL_OF_RATE = "the integral of `rate`; the force [N/kg] must be"

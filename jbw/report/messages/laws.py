@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from jbw.report.messages.message import listed, percent
 
-# how several modes without a shared joint are modelled, to follow the names of the laws
+# words that follow the names of the laws if several modes do not share a joint
 OF_EACH_MODE = " of each mode"
 IN_FIRST_MODE = " in the first mode"
 
@@ -132,7 +132,7 @@ def linear_by_session(error: float, least: float, most: float) -> str:
 
 
 def of_law(law: str, sentence: str) -> str:
-    """Return a sentence about the fit of one law, beginning with the law's name."""
+    """Return a sentence about the fit of one law; the sentence begins with the law's name."""
     return f"{law}: {sentence}"
 
 
@@ -168,7 +168,7 @@ def best_across(law: str, kind: str, error: float) -> str:
 
 
 def moved(name: str, without: tuple[float, float], with_: tuple[float, float]) -> str:
-    """Return a parameter with its error, without and with offsets of the sessions, as text."""
+    """Return a parameter with its error as text, without and with offsets of the test sessions."""
     return (
         f"{name} {without[0]:.3g} +- {without[1]:.1g} (with offsets {with_[0]:.3g} +- "
         f"{with_[1]:.1g})"

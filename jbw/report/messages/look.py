@@ -49,7 +49,7 @@ def not_read(tests: Sequence[str], why: str) -> str:
 
 
 def of_mode(hz: float, sentence: str) -> str:
-    """Return a sentence marked as one about a given mode of several."""
+    """Return a sentence that begins with the name of one of several modes."""
     return f"Mode near {hz:.4g} Hz: {sentence}"
 
 
@@ -80,7 +80,7 @@ def turning(what: str, y: float, value: float, change: float) -> str:
 
 
 def _with_error(value: float, sd: float) -> str:
-    """Return a ratio in per cent with its standard deviation, rounded to two digits of that."""
+    """Return a ratio in per cent with its standard deviation, which determines the digits."""
     digits = max(0, 1 - floor(log10(100 * sd))) if sd > 0 else 3
     return f"{100 * value:.{digits}f} ± {100 * sd:.{digits}f} %"
 
@@ -163,7 +163,7 @@ def not_assessed(reason: str) -> str:
 
 
 def repeats(count: int, scatter: float, floor: float, how: str) -> str:
-    """Return the sentence on how much repeats vary relative to the response, ending with `how`."""
+    """Return the sentence on how much repeats vary relative to the response; it ends with `how`."""
     return (
         f"{count} repeats vary by {of_response(scatter)} of the response, {how}; the mean of the "
         f"repeats cannot show effects that are smaller than {of_response(floor)} of the response."

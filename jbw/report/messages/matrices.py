@@ -26,7 +26,7 @@ def fixed_dofs(limit: float, count: int) -> str:
 
 
 def shown(matrices: str, dofs: int, nodes: int) -> str:
-    """Return the one-line text of a matrix model: its source, degrees of freedom and nodes."""
+    """Return a matrix model in one line of text: its source, degrees of freedom and nodes."""
     return f"MatrixModel({matrices}: {dofs} degrees of freedom at {nodes} nodes)"
 
 

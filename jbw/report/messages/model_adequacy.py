@@ -42,7 +42,7 @@ def grade(
 def correlated(
     coloured: int, count: int, test: str, error: float, correlation: float, counted: float
 ) -> str:
-    """Return the sentence on correlated residuals, with the test in which it is strongest."""
+    """Return the sentence on correlated residuals, with the test that has the strongest ones."""
     worst = f"lag-one autocorrelation {correlation:.2f}, RMS error {percent(error)}"
     if coloured == 0:
         return f"The residual of no test is correlated; the largest is that of {test}: {worst}."

@@ -59,7 +59,7 @@ def one_serves(factor: float) -> str:
 
 
 def left_by_joint(hz: float, shared: float, other: float) -> str:
-    """Return the clause on a mode's residual with a shared joint and with a separate joint."""
+    """Return the clause on a mode's residual, with a shared and with a separate joint."""
     return (
         f"at {hz:.4g} Hz the residual of the shared joint is {percent(shared)} of the motion, that "
         f"of a separate joint {percent(other)}"
@@ -85,7 +85,7 @@ def hardly_seen(name: str) -> str:
 def all_joints(
     name: str, change: Sequence[float], damping: Sequence[float], *, is_free: bool
 ) -> str:
-    """Return the sentence on the effect of all joints on a mode, with intervals [%]."""
+    """Return the sentence on the effect of all joints together on a mode, with intervals [%]."""
     shape = "in its shape at that motion" if is_free else "in its shape with fully stuck joints"
     return (
         f"{name} at its largest motion, {shape}: all joints together change its frequency by "

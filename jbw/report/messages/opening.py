@@ -83,7 +83,7 @@ def joints_effect(mode: int, frequency: str, damping: str) -> str:
 
 
 def in_full_stick(effect: str) -> str:
-    """Return the clause that an effect applies to the mode shape with fully stuck joints."""
+    """Return the clause that an effect is computed with the mode shape of fully stuck joints."""
     return f"{effect} (in the mode shape with fully stuck joints)"
 
 
@@ -164,7 +164,7 @@ def no_change(what: str, interval: str) -> str:
 
 
 def change(what: str, start: str, interval: str, *, lowers: bool) -> str:
-    """Return the clause on how a quantity changes, with its interval at the end."""
+    """Return the clause on how a quantity changes, with the interval of its final value."""
     return f"{'lowers' if lowers else 'raises'} the {what} from {start} to {interval}"
 
 
@@ -191,7 +191,7 @@ def fit_errors(count: int, errors: str, noun: str = "test") -> str:
 
 
 def relative_error(error: str, linear: str, own: str = "") -> str:
-    """Return an error relative to the record's rms, with errors for comparison.
+    """Return an error relative to the record's rms as text, with errors for comparison.
 
     Args:
         error: As it stands.
@@ -242,7 +242,7 @@ def next_step(remedy: str) -> str:
 
 
 def by_the_fit(identified: Sequence[str]) -> str:
-    """Return the line with parameters from the fit alone."""
+    """Return the line of the terminal that lists parameters from the fit alone."""
     return f"From the fit alone; the posterior is not assessed: {'; '.join(identified) or 'none'}"
 
 

@@ -9,7 +9,7 @@ CONDITIONAL = (
 
 
 def held_parameters(names: str, times: str, far: str) -> str:
-    """Return the sentence on how the parameters fixed in Step 4 affect gamma."""
+    """Return the sentence on how the fixed parameters of Step 4 affect gamma."""
     return (
         f"Step 4 of Teloli et al. takes {names} as exactly known; its gamma is valid only if "
         f"they are. With all parameters free, the standard deviation of gamma is {times} "
@@ -19,7 +19,7 @@ def held_parameters(names: str, times: str, far: str) -> str:
 
 
 def outside_interval(names: Sequence[str]) -> str:
-    """Return the sentence on means of these steps outside the joint posterior's interval."""
+    """Return the sentence on means of Steps 3 and 4 outside the joint posterior's interval."""
     return (
         f"Steps 2 to 4 of Teloli et al. give means of {', '.join(names)} outside the 99 % "
         "interval of the joint posterior of all parameters. Use the joint posterior."
@@ -27,7 +27,7 @@ def outside_interval(names: Sequence[str]) -> str:
 
 
 def wall_time(cut_s: float, joint_s: float) -> str:
-    """Return the sentence on wall times [s] of these steps and of the joint posterior."""
+    """Return the sentence on wall times [s] of Steps 3 and 4 and of the joint posterior."""
     return (
         f"Wall time: {cut_s:.3g} s for Steps 2 to 4 of Teloli et al., {joint_s:.3g} s for the "
         "joint posterior of all parameters, including compilation."

@@ -129,7 +129,7 @@ def fleet_title(scatter: float) -> str:
 
 
 def told_by_run(key: str) -> str:
-    """Return the message that a key must be removed because the run states it."""
+    """Return the message that a key must be removed, because the run already states its value."""
     return f"{key}: remove it, because the run states it."
 
 

@@ -9,12 +9,12 @@ Interval = Mapping[str, float]
 
 
 def interval(row: Interval) -> str:
-    """Return a median with its 99 % interval."""
+    """Return a median with its 99 % interval as text."""
     return f"{row['median']:.2g} [{row['q005']:.2g}, {row['q995']:.2g}]"
 
 
 def mostly_prior(num_units: int, free: int, *, trend: bool) -> str:
-    """Return the message that units are too few to determine how they vary (about a trend)."""
+    """Return the message that the prior dominates the variation between units or about a trend."""
     about = f"about a trend ({free} degrees of freedom)" if trend else "between units"
     return f"{num_units} units do not determine the variation {about}: the prior dominates it."
 
