@@ -45,12 +45,12 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import force_at, tone_at_phase
 from jbw.quantities import DEFAULT_LAWS, Motion, derivative_order
 
-# half width of a resonance relative to its frequency, until a fit gives the damping
+# half width of a resonance relative to its frequency, used until a fit gives the damping
 HALF_WIDTH = 0.01
 # fraction of the points, those of smallest motion, from which omega_n gets its starting value
 FEW = 0.25
-# smallest standard deviation of the noise, relative to that of a fit's residual, in addition to the
-# noise that errors of the amplitude cause
+# smallest standard deviation of the noise, relative to that of a fit's residual, in addition to
+# noise from amplitude errors
 LEAST_NOISE = 1e-3
 QUARTER = -0.5 * np.pi  # phase of the displacement relative to the force at phase resonance [rad]
 # number of quantities whose deviations between repeats are stored: frequency or phase, force, log
@@ -66,7 +66,7 @@ class ControlledGroup(NamedTuple):
 
 
 class ControlledPoints(Observable):
-    """The points of controlled tests: one data group for frequency or phase, one for the force.
+    """The points of controlled tests: a data group for frequency or phase, and one for force.
 
     Attributes:
         omega: Measured frequency of every point [rad/s]; padded with a test's last value.
@@ -218,7 +218,7 @@ class ControlledPoints(Observable):
     def _at(
         self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
     ) -> Float[Array, "group point"]:
-        """Predict each data group at given amplitudes [m] and phases [rad] of the motion."""
+        """Predict each data group at given amplitudes [m] and phases [rad] of the displacement."""
         joint, gain = oscillator_of(theta, self.laws), theta["gain"]
         y, phi = self._of_joint(theta, amplitude, phase)
         if self.is_locked:
@@ -253,7 +253,7 @@ class ControlledPoints(Observable):
         return jnp.abs(joint_motion), motion_phase + jnp.angle(joint_motion / moved)
 
     def compared(self, values: Any) -> Float[Array, "group point"]:
-        """Return values / their noise profile, less the part correlated with the force."""
+        """Return values divided by their noise profile, less the part correlated with the force."""
         rows = self._counted * values
         return (rows - self.mixed * rows[self._force_of_test]) / self.scale
 
@@ -273,7 +273,7 @@ class ControlledPoints(Observable):
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the standard deviation of each value of a data group / that of the whole group."""
+        """Return the standard deviation of each value of a data group, divided by the group's."""
         where, force = compared(self.groups, group), self._force_of_test[group]
         scale, mixed = (np.asarray(x)[group][where] for x in (self.scale, self.mixed))
         noise = np.asarray(self.groups.noise_std)
@@ -341,7 +341,7 @@ class ControlledPoints(Observable):
     def _deviation(
         self, group: int, slopes: Sequence[Float[np.ndarray, " point"]]
     ) -> Float[np.ndarray, "point variable"]:
-        """Return weights that remove the effect of amplitude and phase errors from deviations."""
+        """Return weights that remove effects of amplitude and phase errors from deviations."""
         weights = np.zeros((len(slopes[0]), MOMENTS))
         weights[:, 1 if self.rows[group].quantity == "force" else 0] = 1.0
         weights[:, 2] = -slopes[0]
@@ -476,7 +476,7 @@ def _require_alike(test: Test, curves: Sequence[ControlledCurve]) -> None:
 
 
 def _without_lost_points(curves: Sequence[ControlledCurve]) -> list[ControlledCurve]:
-    """Return the repeated curves without points that are lost (NaN) in any of them."""
+    """Return the repeated curves, without points that are lost (NaN) in any of the repeats."""
     valid = np.logical_and.reduce([curve.valid for curve in curves])
     return [curve.at(valid) for curve in curves]
 
@@ -555,7 +555,7 @@ def _moments(
 
 
 def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Return the noise profile over the points: the mean force for forces, else a constant."""
+    """Return the noise profile over the points: the mean force for a force, else a constant."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 

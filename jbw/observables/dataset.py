@@ -116,7 +116,7 @@ class Dataset(eqx.Module):
 
     @property
     def layout(self) -> dict[str, int]:
-        """The length of each row of residuals by its label, in the order of `stacked`."""
+        """The length of each row of residuals by label, in the order of `stacked`."""
         rows = {label: part.groups.width for part in self.parts for label in part.groups.labels}
         stated = {_prior_key(name): 1 for name in self.stated.names}
         if not self.has_offsets:
@@ -212,7 +212,7 @@ def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
-    """Estimate each run's offsets from each of its data groups, at given parameters."""
+    """Estimate each run's offsets from each of the run's data groups, at given parameters."""
     part_estimates = [part.estimate(of_part(theta, part), data.num_offsets) for part in data.parts]
     return Estimate(*(jnp.concatenate(rows) for rows in zip(*part_estimates, strict=True)))
 
@@ -289,7 +289,7 @@ def by_label(
 
 
 def halved(data: Dataset) -> Dataset | None:
-    """Return the dataset with half the time step; None if no prediction is integrated in time."""
+    """Return the dataset with half the time step; None if no prediction is integrated over time."""
     # Without a joint law, a step of any length is exact.
     finer = [part.laws and part.substeps for part in data.parts]
     if not any(finer):
@@ -312,7 +312,7 @@ def largest_displacement(data: Dataset, omega_n: float) -> float:
 
 
 def smallest_displacement(data: Dataset, omega_n: float) -> float:
-    """Return the largest displacement [m] of the data group that moves least; 0 if unknown.
+    """Return the largest displacement [m] of the weakest data group; 0 if unknown.
 
     In each kind, the largest displacement belongs to the group with the strongest response and is
     scaled by the sizes of the responses.

@@ -39,7 +39,7 @@ from jbw.report.messages import observed as messages
 # Length of a record's first section that determines its initial state, in units of 1 / (zeta
 # omega_n).
 BEGINNING = 0.3
-LEAST_BEGUN = 8  # smallest number of envelope values in that section
+LEAST_BEGUN = 8  # smallest number of envelope values in that first section
 
 
 class Decays(Envelopes):
@@ -52,7 +52,7 @@ class Decays(Envelopes):
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta"})
     stepped: ClassVar[bool] = True
     own_shifts: ClassVar[bool] = True
-    # If the relative residual is larger, the record contains motion that the model lacks.
+    # If the relative residual is larger, the record contains motion that the model does not have.
     most_misfit: ClassVar[float | None] = 0.05
     several: ClassVar[bool | None] = False
     unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "readings": None}
@@ -95,7 +95,7 @@ class Decays(Envelopes):
         return self.compared(self.matches(theta).residual)
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residuals in standard deviations; the last one is that of the frequency shift."""
+        """Return residuals in standard deviations; the last one belongs to the frequency shift."""
         matches = self.matches(theta)
         residual = self.compared(matches.residual) * weights(self.groups)[:, None]
         shift = matches.entry.shift[:, None] / self.shift_std
@@ -104,7 +104,7 @@ class Decays(Envelopes):
 
     @property
     def _says(self) -> Bool[Array, " record"]:
-        """Whether a record has more independent values than unknowns, as a fit needs."""
+        """Whether a record has more independent values than unknowns, as any fit requires."""
         return self.groups.num_values > self.groups.num_own
 
     @property
@@ -278,7 +278,7 @@ def _matched(theta: Theta, data: Decays) -> Match:
 
 
 class Beginning(NamedTuple):
-    """The initial state of a record, estimated from its start alone, with the covariance.
+    """The initial state of a record, estimated from its start alone, with its covariance.
 
     The covariance is of log amplitude, phase and shift; `rate` is the change of the log amplitude
     by the place.
@@ -316,9 +316,9 @@ def begun(
         law_std: Standard deviation tau of the law's frequency error [rad/s].
     """
     best_match = match(decay, envelope, data.step_s)
-    # A short section hardly determines the noise: use the noise of the fitted records.
+    # A short section hardly determines the noise, so the noise of the fitted records is used.
     precision = best_match.precision * data.fraction / noise_std**2
-    # If the section is too short to determine the shift, its prior does.
+    # If the section is too short to determine the shift, the shift's prior determines it.
     variance = data.shift_std**2 + law_std**2
     both = jnp.linalg.inv(precision.at[2, 2].add(1 / variance))
     total = best_match.entry.shift * (1 - both[2, 2] / variance)

@@ -26,12 +26,13 @@ from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
-# number of unknowns of a record in addition to its noise: amplitude, phase, frequency shift
+# number of unknowns of a record in addition to the noise: amplitude, phase, frequency shift
 NUM_OWN = 3
 # smallest number of envelope values: a decay has five parameters, and each record three unknowns
 LEAST_VALUES = 16
 HEADROOM = 1.02  # start amplitude of the simulated decay, relative to that of the strongest record
-SPARE = 1.3  # duration of the simulation, relative to the one that the measured decay rates require
+# duration of the simulation, relative to the duration that the measured decay rates require
+SPARE = 1.3
 # smallest decay rate at the start and at the end of a record, relative to its mean rate, because
 # noise may hide the true rate
 LEAST_RATE = 0.1
@@ -127,7 +128,7 @@ class Envelopes(Observable):
 
 
 def _largest_read(test: Test, y_start: float) -> float:
-    """Return the largest displacement [m] with a measured frequency; `y_start` if there is none."""
+    """Return the largest displacement [m] with a measured frequency; `y_start` without any."""
     try:
         readings = read_decays(test)
     except DataError:
@@ -212,7 +213,7 @@ def _course(
 
 
 class Entry(NamedTuple):
-    """The start of a record on the simulated decay: time [steps], rotation [rad], shift [rad/s]."""
+    """Where a record starts on the simulated decay: time [steps], rotation [rad], shift [rad/s]."""
 
     place: Float[Array, "..."]
     phase: Float[Array, "..."]
@@ -236,7 +237,7 @@ class Match(NamedTuple):
 def along(
     decay: Complex[Array, " step"], place: Float[Array, " time"]
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Interpolate the logarithm of a decay between time steps; also return its slope."""
+    """Interpolate the logarithm of a decay between time steps; return its slope as well."""
     step = jax.lax.stop_gradient(jnp.floor(place))
     f = place - step
     index = step.astype(int)[:, None] + jnp.arange(-1, 3)
@@ -264,8 +265,8 @@ def match(
     steps = jnp.arange(len(envelope), dtype=float)
     entry = jax.lax.stop_gradient(_first_entry(decay, envelope, steps, step_s))
     for _ in range(NUM_REFINEMENTS):
-        # At the optimum, the earlier steps have no influence: derivatives pass only through the
-        # last one.
+        # Derivatives pass only through the last step, because earlier steps have no influence at
+        # the optimum.
         entry = jax.lax.stop_gradient(entry)
         _, precision, gradient, rate = _normal(decay, envelope, entry, steps, step_s)
         gain = jnp.linalg.solve(precision, gradient)
@@ -293,7 +294,7 @@ def _first_entry(
     places = jnp.interp(-jnp.log(size), -decay.real, grid) - steps
     place = jnp.average(places, weights=loud**2)
     log, _ = along(decay, place + steps)
-    # This is the phase that the simulated decay needs in addition.
+    # This phase must be added to that of the simulated decay.
     ratio = envelope * jnp.exp(jnp.conj(log))
     turn = jnp.angle(jnp.sum(ratio[1:] * jnp.conj(ratio[:-1])))
     phase = jnp.angle(jnp.sum(ratio * jnp.exp(-1j * turn * steps)))

@@ -50,7 +50,7 @@ def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str,
 
 
 def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
-    """Return the drives that occur in parameter names, such as voltage in omega_n_voltage."""
+    """Return the drives that occur in names of parameters, such as voltage in omega_n_voltage."""
     drives = {part.drive for part in parts if part.drive}
     fed = tuple(drive for drive in FED if drive in drives)
     return fed if drives - set(fed) else fed[1:]
@@ -64,7 +64,7 @@ def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
 
 def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
     """Return all measured frequencies and damping ratios against amplitude; None without any."""
-    # The damping at small amplitude differs between drives, so only one drive is used.
+    # Only one drive is used, because the damping at small amplitude differs between drives.
     of_one = parts_of("", parts)
     of_parts = (part.shown().amplitude_readings() for part in of_one)
     curves = [readings for readings in of_parts if readings is not None]
@@ -91,7 +91,7 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 
 
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return which of omega_n, zeta and gain the dataset parts determine together.
+    """Return which of omega_n, zeta and gain the dataset parts determine jointly.
 
     Free motion determines stiffness / mass, a prescribed displacement the stiffness [N/m]:
     together they determine the modal mass, which neither determines alone.
@@ -114,7 +114,7 @@ def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) -> dict[str, float]:
-    """Return starting values of omega_n [rad/s], zeta [-] and gain for each drive that shows them.
+    """Return starting values of omega_n [rad/s], zeta and gain, for drives that show these.
 
     They come from the first part of the drive that can give them, else from another drive. A fixed
     gain (in `held`) determines the damping if only steady lines are measured.

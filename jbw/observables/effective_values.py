@@ -12,7 +12,8 @@ from scipy.ndimage import uniform_filter1d
 COLOURED = 0.2  # Lag-one correlation of residuals above which intervals are clearly too narrow.
 # A correlation counts if it exceeds this multiple of its standard error 1 / sqrt(n).
 BEYOND_CHANCE = 3.0
-# If misfit is more than this fraction of a mean's variance, repeats do not average it out.
+# If model error is more than this fraction of a mean's variance, repeats do not average the error
+# out.
 MISFIT = 0.5
 # Smallest number of independent values in a data group, needed to integrate out its noise.
 LEAST_VALUES = 8

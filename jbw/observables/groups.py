@@ -192,7 +192,7 @@ def _single(
 
 
 def read_before(label: str, run: str, size: int, num_repeats: int = 1) -> Groups:
-    """Return a table with one data group, whose covariance is known before any fit."""
+    """Return a table with one data group whose covariance is known before any fit."""
     values, sizes = [np.zeros((num_repeats, size))], np.array([float(size)])
     groups = repeated(values, sizes, (label,), (run,), is_prior=True)
     return changed(groups, noise_std=np.ones(1))
@@ -224,7 +224,7 @@ def weights(groups: Groups) -> Float[Array, " group"]:
 def beside_own(
     rows: Float[Array, "group *own value"], groups: Groups
 ) -> Float[Array, "group *own value"]:
-    """Subtract from rows their projection on each data group's own constants."""
+    """Subtract from rows the projection of each row on its data group's own constants."""
     columns = groups.spanned
     if not columns.shape[1]:
         return rows
@@ -273,7 +273,7 @@ def with_fitted_noise(residuals: Rows, groups: Groups) -> Groups:
 
 
 def with_effective_values(fractions: Mapping[str, float], groups: Groups) -> Groups:
-    """Return data groups with given numbers of independent values; by default, all count."""
+    """Return data groups with given numbers of independent values; by default all values count."""
     fraction = np.array([fractions.get(label, 1.0) for label in groups.labels])
     return changed(groups, num_values=fraction * np.asarray(groups.num_counted))
 

@@ -14,7 +14,7 @@ from jbw.measurement.harmonics import harmonics
 from jbw.measurement.records import Test, run_of
 from jbw.quantities import UNIT_OF, derivative_order, per
 
-# number of odd harmonics in the harmonic balance; neglected ones are below 1e-6 of the first
+# number of odd harmonics in the harmonic balance; omitted harmonics are below 1e-6 of the first
 NUM_HARMONICS = 4
 # orders of harmonics that are compared; other orders only give starting values
 ORDERS = (1, 3)
@@ -178,7 +178,7 @@ def _span(fs: float, start: float, stop: float) -> slice:
 
 
 def curve_group(test: Test) -> MeasuredHarmonic:
-    """Return a response curve's fundamental; its force's fundamental if the response was held."""
+    """Return a response curve's fundamental, or that of its force if the response was held."""
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
         raise DataError(
@@ -186,7 +186,8 @@ def curve_group(test: Test) -> MeasuredHarmonic:
             remedy="Make a separate test of each.",
         )
     omega = 2 * np.pi * curves[0].freq_hz
-    # An FRF has no amplitude: it is compared with the linear structure, at an amplitude near zero.
+    # The curve is compared with the linear structure at an amplitude near zero, because an FRF has
+    # no amplitude.
     size = NO_AMPLITUDE if curves[0].is_ratio else 1.0
     source = size * np.array([curve.source for curve in curves])
     motion = size * np.array([displacement_of(curve) for curve in curves])

@@ -31,7 +31,7 @@ from jbw.quantities import DEFAULT_LAWS
 # largest amplitude of random motion, divided by its rms; higher ones have a probability of 1e-8
 MOST = 6.0
 NUM_NODES = 24
-# Amplitude / rms that 99 % of the peaks of narrow-band noise do not exceed.
+# ratio of amplitude to rms that 99 % of the peaks of narrow-band noise do not exceed
 LARGEST = float(np.sqrt(-2 * np.log(0.01)))
 MARGIN = 0.05  # standard deviation of neglected effects, relative to the effect of the joint
 READ = ("omega_n", "zeta", "gain")
@@ -110,7 +110,7 @@ class LineReading(KnownReading):
         linear = jnp.stack([theta[name] for name in READ])
         # Add the variance of effects that averaging over the amplitude neglects.
         margin = jnp.diag((MARGIN * (predicted[0] - linear)) ** 2)
-        # If the estimate is held out, its effective number of values is almost zero.
+        # If this estimate is held out, its effective number of values is almost zero.
         counted = self.groups.num_values[0] / self.groups.num_counted[0]
         scale = self.groups.noise_std[0] ** 2 / counted
         root = jnp.linalg.cholesky(scale * self.covariance + margin)
@@ -119,7 +119,7 @@ class LineReading(KnownReading):
         return whitened[None, :, 0], whitened[:, 1:].T[None], -jnp.sum(jnp.log(jnp.diag(root)))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return the line fit's estimates, and the amplitude [m] that 1 % of the peaks exceed."""
+        """Return the line fit's estimates, and the amplitude [m] that 1 % of all peaks exceed."""
         values = {name: float(x) for name, x in zip(READ, np.asarray(self.mean)[0], strict=True)}
         gain_std = float(np.sqrt(np.asarray(self.covariance)[2, 2]))
         return Shown(lambda: values, gain_std=gain_std, y_peak=float(LARGEST * self.y_rms))

@@ -19,9 +19,11 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
 LONG = 8192  # number of samples above which neighbouring samples are averaged
-# If the stiffest cycle is more than this many times as stiff as the whole loop, use its stiffness.
+# If the stiffest cycle is stiffer than the whole loop by more than this factor, use the cycle's
+# stiffness.
 SOFTER = 2.0
-SEEN = 0.1  # smallest force of a cycle, relative to the largest force; a smaller one may be noise
+# smallest force of a cycle, relative to the largest force, because a smaller force may be noise
+SEEN = 0.1
 # largest step between averaged samples, relative to the largest displacement: about a thousand
 # values per cycle
 FINEST = 6e-3
@@ -118,7 +120,7 @@ class Loops(Observable):
 
 
 def secant(data: Loops) -> float:
-    """Return the stiffness of the stiffest loop: peak-to-peak force / displacement [N/m].
+    """Return the stiffness of the stiffest loop: peak-to-peak force divided by displacement [N/m].
 
     If its stiffest cycle is more than twice as stiff, that is returned instead: a joint that wears
     or yields far is soft in its largest cycles.
@@ -158,7 +160,7 @@ def zeros_of_load_cells(
 
 
 def together(displacement: Float[np.ndarray, " time"]) -> int:
-    r"""Return how many samples to average: as many as a sine takes for 6e-3 of its amplitude.
+    r"""Return how many samples to average: so few that a sine moves by 6e-3 of its amplitude.
 
     Only records so long that their samples dominate the cost of a prediction are averaged. The mean
     of so few samples is below a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.

@@ -22,7 +22,7 @@ from jbw.observables.groups import Covariance, Groups, Rows
 
 
 class GroupResidual(NamedTuple):
-    """The mean squares of noise and model error in a residual, and whether the latter matters."""
+    """The mean squares of noise and of model error in a residual, and whether the error matters."""
 
     noise: float
     misfit: float

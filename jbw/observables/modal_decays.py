@@ -48,7 +48,7 @@ from jbw.report.messages import observed as messages
 # solver steps per period of the highest mode; with fewer, reversals within a step are missed
 STEPS_A_PERIOD = 20.0
 STEP = 1e-6  # step of finite differences, relative to a mode's amplitude; rounding is 1e-10
-# number of Gauss-Newton steps that find a record's initial state before a last step; each needs one
+# number of Gauss-Newton steps for a record's initial state before a last step; each step needs one
 # simulation
 NUM_STEPS = 2
 TINY = np.finfo(float).tiny
@@ -152,7 +152,7 @@ class ModalDecays(Decays):
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
 
     def only(self, record: int, size: int) -> Self:
-        """Return one record alone, cut to its initial section."""
+        """Return one record alone, cut to the section that determines its initial state."""
         values = self.values_of(record, size)
         num_samples = (values["mean"].shape[1] - 1) * self.stride + len(self.taps)
         return replace(self, **values, num_samples=num_samples)
@@ -266,7 +266,7 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
 def modal_envelopes(
     structure: Structure, own: Float[Array, " own"], data: ModalDecays
 ) -> Complex[Array, "mode step"]:
-    r"""Return each mode's contribution to a record's envelope, given the record's own unknowns.
+    r"""Return each mode's contribution to a record's envelope, from the record's own unknowns.
 
     Modes other than those of the decays do not ring: they begin at their static position under the
     joints' forces, $q_i = -\sum_j p_{ij} r_j / \omega_i^2$; their motion is counted with the first

@@ -13,8 +13,8 @@ from jbw.observables.modes import FIRST, Modes, Reals
 
 DRIVEN = 0.1  # Spectral lines above this fraction of the largest one give starting values.
 FEWEST = 6  # smallest number of spectral lines that determine a mode's frequency
-# Fraction of a mode's search range that its lines must cover. A harmonic of a shaker's force covers
-# less.
+# fraction of a mode's search range that its lines must cover, because a harmonic of a shaker's
+# force covers less
 SPANNED = 0.5
 # smallest, assumed and largest damping ratio of starting values
 LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2

@@ -43,7 +43,8 @@ class Modes(NamedTuple):
 
     hz: tuple[float, ...]
     driving_point: bool = False  # whether the response is measured where the source pushes
-    # measured motion of the joint in every mode, divided by that in the first (h_i / h_1)
+    # measured motion of the joint in every mode, divided by the motion in the first mode (h_i /
+    # h_1)
     joint_shape: tuple[float, ...] = ()
     points: tuple[str, ...] = ()  # names of additional points where responses are measured
     # How the modes are coupled: "common" by one joint; "apart" not at all, with separate laws;
@@ -169,12 +170,12 @@ def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> 
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
         bounds[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
-        # No test drives the modes, or the reduced model gives their gains.
+        # In this case no test drives the modes, or the reduced model gives their gains.
         if names.ratio not in known:
             continue
         ratio = known[names.ratio]
         reach = 2 * max(abs(ratio), 0.05)
-        # If the response is measured at the drive point, gains are squares and thus positive.
+        # If the response is measured at the drive point, gains are squares and therefore positive.
         least = 1e-3 * ratio if modes.driving_point else ratio - reach
         bounds[names.ratio] = least, ratio + reach
     for name in (name for names in modes.seen.values() for name in names if name in known):
@@ -224,7 +225,7 @@ class ModesAtJoint(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
-        """Return log motions and couplings in sd, and log prior density minus a uniform one's."""
+        """Return log motions and couplings in sd, and log prior density minus a uniform prior's."""
         logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
         rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():

@@ -156,7 +156,7 @@ class Observable(eqx.Module):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce tests to means and deviations of repeats; tests sampled equally form one part.
+        """Reduce tests to means and deviations of repeats; equally sampled tests form one part.
 
         `substeps` is the number of solver steps between samples; None for the default.
         """
@@ -185,7 +185,7 @@ class Observable(eqx.Module):
         return residual, weight[:, None, None] * self.groups.directions
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """Estimate the run offsets from each data group; integrate out the group's noise."""
+        """Estimate the run offsets from each data group, with the group's noise integrated out."""
         groups = self.groups
         scatter = groups.within + groups.size * groups.num_repeats * groups.discrepancy
         square, along = self.residual_sums(theta)
@@ -235,7 +235,7 @@ class Observable(eqx.Module):
         none = np.zeros((len(self.groups.labels), len(OFFSETS), self.groups.width))
         if not self.moved_by_runs:
             return replace(self, groups=changed(self.groups, directions=none))
-        # Leave out old derivatives, so that one compiled program serves all calls.
+        # Old derivatives are left out, so that one compiled program serves all calls.
         bare = replace(self, groups=changed(self.groups, directions=none[:, :0]))
         slope = -slope_by_offsets(alone(bare).misfit, theta)
         return replace(self, groups=with_slope(self.groups, slope))
@@ -310,7 +310,7 @@ def unnamed(data: Any, labels: Names, runs: Names) -> Any:
 
 
 def alone(data: Any) -> Any:
-    """Return one part of the dataset; numbers replace the names of groups and runs."""
+    """Return one part of a dataset, with numbers in place of the names of groups and runs."""
     return unnamed(data, *numbers_of(data.groups.labels, data.groups.runs))
 
 

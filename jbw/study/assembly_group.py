@@ -133,7 +133,7 @@ def _with_coincident(
 
 
 def assembly_of(tree: xr.DataTree) -> ModelJoints:
-    """Return the joints stored in a run's result, with the degrees of freedom they act on.
+    """Return the joints stored in a run's result, with the degrees of freedom on which they act.
 
     Raises:
         DataError: A version of jbw that did not store the joints made the run.

@@ -49,7 +49,8 @@ def _picture(tree: xr.DataTree) -> str:
 
         picture = io.BytesIO()
         draw(tree, name).savefig(picture, format="png", dpi=DPI, facecolor="white")
-    except (ImportError, JbwError):  # Without the drawing the cell still shows the numbers.
+    # Without the drawing, the notebook cell still shows the numbers.
+    except (ImportError, JbwError):
         return ""
     data = b64encode(picture.getvalue()).decode()
     return f'<img alt="{escape(BACKBONE_PICTURE)}" src="data:image/png;base64,{data}">'

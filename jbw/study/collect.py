@@ -50,15 +50,16 @@ from jbw.verification.places import safe
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_attrs, basis_of, decay_attrs
 from jbw.verification.verify import Groups, verify
 
-# This is added to the seed when the evidence for one law of all joints is computed.
+# number that is added to the seed for the evidence for one law of all joints
 TIED_KEY = 300
 SPECTRUM = 4.2  # highest frequency of the displayed spectrum, as a multiple of the tone's frequency
-NUM_PRIOR = 500  # number of draws from the prior that are stored
-NUM_PREDICTED = 100  # number of these draws that are propagated through the model
+NUM_PRIOR = 500  # number of stored draws from the prior
+NUM_PREDICTED = 100  # number of these stored draws that are propagated through the model
 SAMPLES = ("chain", "draw")
-# Predictions from the prior get this noise level, because the improper prior 1/sigma has no draws.
+# Predictions from the prior get this noise level, because the improper prior 1/sigma cannot be
+# drawn from.
 SILENCE = 1e-12
-# This is added to the seed, so that this module's random numbers are independent of others.
+# number that is added to the seed, so that random numbers here are independent of those elsewhere
 KEY = 200
 RESPONSE = {
     "units": "1",
@@ -175,7 +176,7 @@ def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
 
 
 def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
-    """Add units to the parameters of the fits in which one run was left out."""
+    """Add units to the parameters of the fits in which one run was omitted."""
     units = {"group_units": [posterior[n].attrs["units"] for n in left_out["parameter"].values]}
     return left_out.assign({n: left_out[n].assign_attrs(units) for n in ("estimate", "std")})
 
@@ -287,7 +288,7 @@ def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
 
 
 def at_large(data: Dataset) -> Dataset:
-    """Return the dataset without session offsets, so that all runs have the same parameters.
+    """Return the dataset without session offsets, so that all runs have equal parameters.
 
     The offsets are linearised about the fit and valid only near it.
     """

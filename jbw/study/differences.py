@@ -65,7 +65,7 @@ GRID = np.linspace(0.05, 1.0, 20)
 # indices into GRID of the amplitudes of comparison: 10, 25, 50, 75 and 100 % of the largest
 TOLD = (1, 4, 9, 14, 19)
 SURE = 0.995  # one-sided probability above which the 99 % interval of the difference excludes 0
-INPUT = "gain"  # parameter of the source, not of the joint
+INPUT = "gain"  # a parameter of the source, which is no property of the joint
 BY_CHANCE = 0.01  # probability of reporting a changed joint when no joint has changed
 APART = 1.1  # If two natural frequencies differ by a larger factor, they belong to different modes.
 
@@ -280,7 +280,7 @@ def _statements(
 
 
 def _homes(run: FinishedRun) -> dict[str, str]:
-    """Return the joint and mode to whose motion each law's parameters refer.
+    """Return the joint and the mode whose motion the parameters of each law refer to.
 
     The laws are stated in metres of the motion with the largest energy share. The dictionary is
     empty where the mode shapes of the model are certain.
@@ -354,7 +354,7 @@ def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[Com
 
 
 def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float, int]:
-    """Return the squared Mahalanobis distance of two runs' means, and its degrees of freedom."""
+    """Return the squared Mahalanobis distance of two runs' means, with degrees of freedom."""
     varying = [
         name
         for name in names
@@ -386,7 +386,7 @@ def joint_statements(rows: Sequence[ComparedJoint]) -> list[str]:
 
 
 class Ratio(NamedTuple):
-    """The ratio of two products of a law's parameters, stored with the product that divides."""
+    """The ratio of two products of a law's parameters, stored together with its divisor."""
 
     ratio: Monomial
     first: Monomial
@@ -399,7 +399,7 @@ def ratios(laws: Sequence[str]) -> list[Ratio]:
 
 
 def _over(second: Monomial, first: Monomial) -> Monomial:
-    """Return the quotient of two products, named after the parameters that do not cancel."""
+    """Return the quotient of two products, named after those parameters that do not cancel."""
     names = dict.fromkeys((*second.powers, *first.powers))
     powers = {name: second.powers.get(name, 0) - first.powers.get(name, 0) for name in names}
     powers = {name: power for name, power in powers.items() if power}
@@ -425,7 +425,7 @@ def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
 
 
 def are_two_modes(first: Draws, second: Draws) -> bool:
-    """Return whether two runs identified different modes, as their natural frequencies differ."""
+    """Return whether two runs identified different modes: their natural frequencies differ."""
     both = [float(np.median(draws["omega_n"])) for draws in (first, second) if "omega_n" in draws]
     return len(both) == 2 and max(both) > APART * min(both)
 

@@ -126,7 +126,7 @@ def held_out(summary: RunSummary) -> dict[str, StoredTest]:
 
 
 def with_held_out(final: Study, held: Study) -> Study:
-    """Return the study fitted to all tests, with earlier predictions of held-out tests."""
+    """Return the study fitted to all tests, with the earlier predictions of held-out tests."""
     first, last = held.result, final.result
     before = HeldOutAnswer(
         verdict=first.verdict.status, predictions=held_out(first), parameters=first.parameters

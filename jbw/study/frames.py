@@ -65,7 +65,7 @@ def backbone_frame(tree: xr.DataTree) -> "DataFrame":
 
 
 def _free(frame: "DataFrame", free: xr.DataTree) -> dict[str, np.ndarray]:
-    """Return the bands of the free-form law at given amplitudes; NaN outside its range."""
+    """Return the free-form law's bands at given amplitudes; NaN outside the law's range."""
     x, at = np.log(np.asarray(free["amplitude"], float)), np.log(frame.index.values)
     return {
         f"{column}_free{end and '_'}{end}": np.interp(

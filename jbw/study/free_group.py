@@ -22,10 +22,12 @@ if TYPE_CHECKING:
 
 PARTICLES = 400  # With this number of particles, the log evidence is accurate to one nat.
 NUM_AMPLITUDES = 48
-# Bands extend from the smallest amplitude divided by this factor to the largest times it.
+# Bands extend from the smallest measured amplitude divided by this factor, to the largest one times
+# it.
 REACH = 3.0
 BEYOND = 1.25  # multiple of the largest amplitude at which a sentence states the bands
-# Factor on variances above which frequency and damping vary clearly more than their errors explain.
+# factor on the variances of the measurement, above which frequency and damping vary clearly more
+# than by error
 SCATTERED = 2.0
 
 

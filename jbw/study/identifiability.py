@@ -107,7 +107,7 @@ class Identifiability:
 
 
 def plain(value: float) -> float | None:
-    """Return a number for JSON; None for NaN and infinity."""
+    """Return a number for JSON; return None for NaN and infinity."""
     return float(value) if np.isfinite(value) else None
 
 
@@ -164,7 +164,7 @@ def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -
 
 
 def _of_data(fitted: Fitted) -> Fit:
-    """Return a fit without the residuals and derivatives that come from stated priors."""
+    """Return a fit without those residuals and derivatives that come from stated priors."""
     size = len(fitted.fit.residual) - len(fitted.data.stated.names)
     fit = fitted.fit
     return replace(fit, residual=fit.residual[:size], jacobian=fit.jacobian[:size])

@@ -27,7 +27,8 @@ from jbw.verification.grade import judged
 from jbw.verification.verify import predicted_tests, prediction_findings
 
 logger = logging.getLogger("jbw")
-# numbers that derive random keys: for Steps 3 and 4, and for the stages of the joint posterior
+# numbers from which random keys are derived: for Steps 3 and 4, and for the stages of the joint
+# posterior
 NUM_KEYS, NUM_PARTS = 16, 5
 
 

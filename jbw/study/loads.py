@@ -31,9 +31,9 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.withheld import is_withheld
 
 FEW = 4  # number of draws for a first estimate of the amplitude under a load
-# Up to this ratio of the third harmonic to the first, one harmonic is accurate to 1e-5.
+# One harmonic is accurate to 1e-5 up to this ratio of the third harmonic to the first.
 ONE_HARMONIC = 1e-3
-MANY = 8  # number of odd harmonics if the ratio is larger
+MANY = 8  # number of odd harmonics that are computed if that ratio is larger
 TAU = 2.0 * np.pi
 Complexes = NDArray[np.complex128]
 
@@ -101,7 +101,7 @@ class LoadOptions(TypedDict, total=False):
 
 
 class Member(NamedTuple):
-    """Posterior draws of one law, as oscillators whose stiffness and damping depend on amplitude.
+    """Posterior draws of one law, as oscillators with amplitude-dependent stiffness and damping.
 
     Attributes:
         motion: The oscillators of equivalent stiffness and loss.
@@ -115,7 +115,7 @@ class Member(NamedTuple):
 
 
 class SeenResponse(NamedTuple):
-    """The response that is predicted: its quantity, its unit, and the unit of its source.
+    """The response that is predicted: its quantity, its unit, and the unit of the source.
 
     Attributes:
         name: Quantity: displacement, velocity or acceleration.
@@ -217,7 +217,7 @@ class Prepared(NamedTuple):
 def prepared(
     basis: Basis, load: Load, amplitude: Callable[[Member], Values], what: str
 ) -> Prepared:
-    """Prepare the draws of all laws for a load, with the model discrepancy at its amplitude.
+    """Prepare the draws of all laws for a load, with the model discrepancy at the load's amplitude.
 
     Args:
         basis: The draws and settings from which the run predicts.
@@ -279,7 +279,7 @@ def peak_of(level: float) -> Callable[[Member], Values]:
 
 
 def bands(values: Sequence[Values], *, withheld: bool = False) -> Values:
-    """Return the 99 % band (low, median, high) over all draws; its ends are NaN if withheld.
+    """Return the 99 % band (low, median, high) over all draws; both ends are NaN if withheld.
 
     Draws without a value are ignored, such as the jump of a curve that does not fold.
     """

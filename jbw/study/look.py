@@ -411,7 +411,7 @@ def _loop_row(test: Test) -> StoredLoop:
 
 
 def _secant(test: Test, loop: ForcedLoop) -> tuple[float, float]:
-    """Return half the displacement between a loop's ends [m], and the stiffness [N/m]."""
+    """Return half the displacement between the ends of a loop [m], and its stiffness [N/m]."""
     ends = [int(np.nanargmin(loop.displacement)), int(np.nanargmax(loop.displacement))]
     (bottom, top), force = loop.displacement[ends], loop.force[ends]
     if top == bottom:
@@ -426,7 +426,7 @@ def _shown(
     read: Reading,
     test: Test,
 ) -> ShownResponse:
-    """Return the part of a frequency response near its resonance, for a figure."""
+    """Return that part of a frequency response that lies near the resonance, for a figure."""
     centre = 2 * np.pi * read.frequency_hz
     half = max(0.02, min(WIDE, 10 * abs(read.damping))) * centre
     near = np.flatnonzero(np.abs(omega - centre) < half)[:NUM_SHOWN]

@@ -256,7 +256,7 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
 
 
 def _finished_before(task: Task) -> RunOutcome | None:
-    """Return the outcome of a campaign whose run is finished; None if it must still run.
+    """Return the outcome of a campaign whose run is finished; None if it is not finished.
 
     A finished run has no manifest, except after a first answer (`quick`).
     """

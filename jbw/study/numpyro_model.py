@@ -98,7 +98,7 @@ def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
 
 
 def _of_laws(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
-    """Return the parameters and products of the laws that follow from sampled parameters."""
+    """Return those parameters and products of the laws that follow from the sampled parameters."""
     every = {**data.held, **theta}
     values: dict[str, Any] = {}
     for law in laws_named(data.laws):

@@ -33,7 +33,7 @@ from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 NUM_DRAWS = 200  # number of draws of each run
 # amplitudes of comparison, relative to the largest displacement that all runs fitted
 GRID = np.linspace(0.05, 1.0, 20)
-# indices into GRID of the reported amplitudes: 10 % and 100 % of the largest
+# indices into GRID of the reported amplitudes: 10 % and 100 % of the largest amplitude
 TOLD = (1, 19)
 QUANTITIES = (("frequency", "Hz", 1.0), ("damping ratio", "%", 100.0))
 # The variation around a trend is reported if its p-value is smaller than this.
@@ -161,7 +161,7 @@ def _trend(
 ) -> dict[str, Any]:
     """Return a quantity's change per doubling of torque over several runs, with a 99 % interval."""
     count = min(map(len, draws))
-    # Runs with the same seed have correlated draws; the random order removes this correlation.
+    # Draws of runs with the same seed are correlated, so they are put in random order.
     rng = np.random.default_rng(0)
     values = np.array([rng.permutation(x)[:count] for x in draws])
     away = doublings - doublings.mean()
@@ -170,7 +170,7 @@ def _trend(
     left = mean - mean.mean() - away * middle
     degrees = len(draws) - 2
     p = float(stats.chi2.sf(np.sum((left / sd) ** 2), degrees)) if degrees else 1.0
-    # The interval then includes the variation of runs around the trend.
+    # In this way the interval includes the variation of runs around the trend.
     if p < BY_CHANCE:
         deviation = np.sqrt(np.sum(left**2) / degrees / np.sum(away**2))
         reach = stats.t.ppf(QUANTILES[2], degrees) * deviation

@@ -35,13 +35,13 @@ Write = Callable[[Path], Any]
 
 @dataclass(frozen=True)
 class Job:
-    """A long computation in its output folder, with the request that started it."""
+    """A long computation in an output folder, with the request that started the computation."""
 
     folder: Path
     asked: str
 
     def parts(self, inputs: Mapping[str, str], report: Callable[[str], Any]) -> Parts:
-        """Return the store of partial results; remove those of other inputs or another version.
+        """Return the store of partial results; remove results of other inputs or another version.
 
         Args:
             inputs: Digests of all input files, by file.
@@ -91,7 +91,7 @@ def claim(folder: Path, asked: str = "") -> Path:
 
 
 def _asked_in(folder: Path) -> str:
-    """Return the stored request of an unfinished computation in a folder, or an empty text."""
+    """Return the stored request of an unfinished computation in a folder, or else an empty text."""
     try:
         return (folder / JOB / ASKED).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -100,7 +100,7 @@ def _asked_in(folder: Path) -> str:
 
 @contextmanager
 def claimed(folder: Path, /, **asked: Any) -> Iterator[Job]:
-    """Claim a folder for a long computation, whose partial results are kept there until it ends.
+    """Claim a folder for a long computation, and keep partial results there until it ends.
 
     If the job fails before a part is finished and before anything is written, its folder is
     removed.
@@ -154,7 +154,7 @@ def save_report(
     beside: "Beside | None" = None,
     formats: Sequence[str] = (),
 ) -> None:
-    """Write report.html into a result's folder; a failure leaves the result as it is.
+    """Write report.html into a result's folder; if this fails, the result stays as it is.
 
     The figures are also saved in figures/ in each of `formats`. A second process, `beside`, draws
     some of them from the saved result.

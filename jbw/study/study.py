@@ -206,7 +206,7 @@ class Study:
     def response_curve(
         self, level: float, band: tuple[float, float], **options: Unpack[LoadOptions]
     ) -> xr.Dataset:
-        """Return the response curve of a sine of one level across a band, with jumps.
+        """Return the response curve of a sine of one level over a band, including jumps.
 
         Args:
             level: Amplitude in the unit of the run's source; in m/s^2 for a moving base.
@@ -297,7 +297,7 @@ class Study:
         return random_of(basis, profile, duration, load_on(basis, Load(**options)))
 
     def shock(self, pulse: str | Pulse, **options: Unpack[LoadOptions]) -> xr.Dataset:
-        """Return the motion under a shock: its band over time, its largest value, its spectrum.
+        """Return the motion under a shock: the band over time, the largest value, and the spectrum.
 
         Args:
             pulse: A text such as `20g,11ms`, for a half-sine unless a third word says `sawtooth` or

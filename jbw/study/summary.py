@@ -95,7 +95,7 @@ def record_of(
 
 
 def _turning(tests: Iterable[Test]) -> dict[str, str]:
-    """Return the unit rad as unit of motion if all tests are torsional; otherwise nothing."""
+    """Return the unit rad as the unit of motion if all tests are torsional; otherwise nothing."""
     units = {record.units.get(record.response, "") for test in tests for record in test.records}
     turns = units and all(unit.startswith("rad") for unit in units)
     return {"motion_unit": "rad"} if turns else {}
@@ -255,7 +255,7 @@ def _parameter(row: dict[str, Any], unit: str, truth: float | None) -> StoredPar
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the coverage and error of each test's prediction, and the error of a linear model.
+    """Return the coverage and error of each test's prediction, and a linear model's error.
 
     A number is None if it is unknown.
     """
@@ -276,13 +276,13 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the error of each kind of test, predicted from the other kinds; or nothing."""
+    """Return each kind of test's error, predicted from the other kinds; or an empty result."""
     group = node(tree, "across_kinds")
     return {} if group is None else across_kinds_record(group.to_dataset())
 
 
 def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
-    """Return why the errors at other levels or for other kinds of test are unknown, if they are."""
+    """Return why errors at other levels or for other kinds of test are unknown, if they are."""
     missed = node(tree, "discrepancy")
     if missed is None or data is None:
         return {}

@@ -67,7 +67,7 @@ def in_processes[Task: Hashable](
 def _side_by_side[Task: Hashable](
     function: Callable[[Task], Any], waiting: deque[Task], workers: int
 ) -> Generator[tuple[Task, Any], None, list[tuple[Task, Any]]]:
-    """Run tasks in parallel and yield each with its future; return tasks whose process died.
+    """Run tasks in parallel and yield each with its future; return the tasks whose process died.
 
     Every process has a separate pool: its death breaks no other one and shows which task it had.
     """
@@ -96,7 +96,7 @@ def _side_by_side[Task: Hashable](
 def _begun[Task](
     pool: futures.ProcessPoolExecutor, function: Callable[[Task], Any], task: Task
 ) -> tuple[futures.Future[Any], futures.ProcessPoolExecutor]:
-    """Start a task; return its future and its process pool, made anew if the old one ended."""
+    """Start a task; return its future and the process pool, which is made anew if it has ended."""
     try:
         return pool.submit(function, task), pool
     except BrokenProcessPool:
