@@ -13,7 +13,7 @@ Complexes = NDArray[np.complex128]
 # This tolerance is relative, so that a spectral line on the edge of a band counts as inside, and an
 # almost whole number of samples as whole, in every unit of time.
 ROUNDING = 1e-9
-# order of the differences; they retain 0.8 % of a sine with eight samples per period
+# order of the differences; these retain 0.8 % of a sine with eight samples per period
 DIFFERENCES = 6
 OF_NORMAL = 0.6745  # median of the absolute value of a standard normal variable
 # Two records count as equally strong if the ratio of their strengths is smaller than this.
@@ -88,12 +88,12 @@ def lines_within(freq: Reals, band: Sequence[float]) -> NDArray[np.bool_]:
 
 
 def whole_down(number: float) -> int:
-    """Round a number down; a number that is whole except for round-off stays that number."""
+    """Round a number down; do not round a number that is whole except for round-off."""
     return int(np.floor(number + ROUNDING * abs(number)))
 
 
 def whole_up(number: float) -> int:
-    """Round a number up; a number that is whole except for round-off stays that whole number."""
+    """Round a number up; do not round a number that is whole except for round-off."""
     return int(np.ceil(number - ROUNDING * abs(number)))
 
 

@@ -16,7 +16,7 @@ class MeasuredCurve(NamedTuple):
     """A measured response at each frequency of a harmonic excitation, whose level may vary."""
 
     freq_hz: Reals  # excitation frequencies, in the order of the file [Hz]
-    source: Reals  # peak amplitude of the excitation, whose phase is zero
+    source: Reals  # peak amplitude of the excitation; the phase of the excitation is zero
     response: Complexes  # peak amplitude X of the response x(t) = Re X exp(j omega t)
     source_kind: str  # `input` or `force`
     response_kind: Motion  # displacement, velocity or acceleration

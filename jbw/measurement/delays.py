@@ -41,7 +41,8 @@ def _on_time(record: Record, delay: float, *, cyclic: bool) -> tuple[Record, flo
         )
     response = record.channels[record.response]
     x = advance(response, delay - whole_samples / record.fs, record.fs)
-    if whole_samples < 0:  # If the response leads, its first samples belong to later times.
+    # If the response leads, the first samples of the response belong to later times.
+    if whole_samples < 0:
         channels = {
             **record.channels,
             record.response: np.append(np.zeros(-whole_samples), x[:size]),

@@ -25,8 +25,8 @@ class BandFilter:
     # Band edges [Hz], where the gain is one half; the gain vanishes half a band width further out.
     band_hz: tuple[float, float]
     fs: float  # sampling frequency [Hz]
-    taps: Reals  # impulse response of the low-pass part; an odd number, sum 1
-    # Only every `stride`-th sample and tap is used; the envelope is the same at less cost.
+    taps: Reals  # impulse response of the low-pass part: an odd number of values with sum 1
+    # Only every `stride`-th sample and tap is used, because the envelope is the same at less cost.
     stride: int
     step: int  # samples between two envelope values at which white noise is almost independent
 

@@ -13,9 +13,9 @@ class Kind(NamedTuple):
     """A kind of test and its properties."""
 
     name: str  # name in a campaign file
-    meaning: str  # what is done to the structure
-    # All frequencies are excited at once for a long time; averaged spectra show the linear
-    # behaviour.
+    meaning: str  # how the structure is excited
+    # whether all frequencies are excited at once for a long time; averaged spectra then show the
+    # linear behaviour
     is_broadband: bool = False
     # whether the structure is driven from rest, so that the whole record can be simulated
     is_transient: bool = False
@@ -29,8 +29,9 @@ class Kind(NamedTuple):
     is_prescribed: bool = False
     # whether the record has one line per frequency instead of samples in time; lines may be masked
     is_curve: bool = False
-    # A controller holds each point of a steady motion, in any order. The model predicts the force
-    # that this takes and, if the controller `is_locked` to a phase, the frequency as well.
+    # Whether a controller holds each point of a steady motion, in any order. The model predicts the
+    # force that this takes. If the controller `is_locked` to a phase, the model also predicts the
+    # frequency.
     is_controlled: bool = False
     is_locked: bool = False
     # roles that a test must have, if no property above determines them

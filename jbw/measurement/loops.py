@@ -30,7 +30,8 @@ MOST_HARMONICS = 25  # largest number of harmonics of a mean cycle
 # A return of the motion counts as a reversal if it exceeds this fraction of the whole stroke.
 TURN = 0.1
 ALIKE = 0.02  # relative difference of stroke below which cycles have the same amplitude
-FEWEST = 3  # number of cycles of one amplitude, because the first still depends on earlier motion
+# fewest cycles of one amplitude, because the first cycle still depends on earlier motion
+FEWEST = 3
 AT_REST = 0.02  # A loop begins at y = 0 if it begins within this fraction of the whole stroke.
 TINY = 1e-300
 
@@ -62,7 +63,7 @@ def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
     It is a fit of harmonics over all cycles, so samples need not fall on the same phases in each
     one.
     """
-    # An `omega` of zero is rejected further below in this function.
+    # `omega` may still be zero here; it is rejected further below in this function.
     carried = int(0.9 * np.pi * fs / omega) if omega > 0 else 1
     tones = Tones(omega, max(1, min(MOST_HARMONICS, carried)))
     check_tones(tones, fs, x.shape[-1])
@@ -300,7 +301,7 @@ def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
 
 
 def _centre(loop: ForcedLoop, cycle: Cycle) -> tuple[float, float]:
-    """Return the mean force of a cycle at zero displacement, and half the range of its force."""
+    """Return the mean force of a cycle at zero displacement, and half the range of the force."""
     (bottom, top), (below, above) = _turning_points(loop, cycle)
     stiffness = (above - below) / (top - bottom)
     middle = 0.5 * (above + below - stiffness * (top + bottom))

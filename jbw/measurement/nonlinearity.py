@@ -59,8 +59,11 @@ SAME_SOURCE = 0.1
 ABOVE_NOISE = 5.0  # standard deviations of a harmonic
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
 BY_CHANCE = 1e-3  # p-value below which repeats are reported to differ
-SHAPES = 3  # number of directions along which repeats differ other than by noise
-EXCITED = 0.05  # number of directions along which repeats may differ by more than noise
+# number of directions along which repeats may differ for other reasons than noise: amplitude, time,
+# speed
+SHAPES = 3
+# A spectral line counts as excited above this fraction of the source's largest line.
+EXCITED = 0.05
 PERIODS = 10.0  # number of periods of the source in a window
 SPACING = 0.5  # distance of windows, divided by their length
 QUIET = 0.02  # Below this fraction of its largest amplitude, the source drives nothing.
@@ -262,7 +265,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
 
 
 def _band(mean: np.ndarray) -> np.ndarray:
-    """Return a mask of the response's spectral lines: those above a hundredth of the largest."""
+    """Return a mask of the response's spectral lines above a hundredth of the largest line."""
     size = np.abs(np.fft.rfft(mean))
     return size > 0.01 * size.max()
 

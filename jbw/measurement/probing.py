@@ -20,7 +20,7 @@ LARGE_SOURCE = 0.1
 
 @dataclass(frozen=True)
 class ThirdOrder:
-    """The third-order kernel at three equal frequencies, with complex amplitudes per repeat."""
+    """The third-order kernel at three equal frequencies, with one complex amplitude per repeat."""
 
     omega: float  # probing frequency [rad/s]
     h3: Complexes  # H3 = 4 Y(3 omega) / A^3 [m per unit^3]
@@ -34,7 +34,7 @@ class ThirdOrder:
     source: str
     source_ratio: float  # largest |H1(3 omega) U(3 omega)| / |Y_3|; NaN if unknown
     std: float  # standard deviation of `h3` over repeats, per real component; NaN with one repeat
-    std_expected: float  # the value of `std` that the noise of the records explains
+    std_expected: float  # the part of `std` that the noise of the records explains
     # covariance of (Re, Im) of the mean of `h3`, from the variation over repeats if possible
     covariance: Reals
     above_noise: bool  # whether |mean Y_3| exceeds three standard errors, so that it may be fitted

@@ -18,8 +18,8 @@ RESPONSES: tuple[Motion, ...] = get_args(Motion)
 INPUTS = ("input", "force")
 BASE = "base"  # role of the acceleration of a moving base; also the name of this drive
 SOURCES = (*INPUTS, BASE)  # roles of excitation channels in files
-# What moves the structure with everything attached to it: under voltage or current, this includes a
-# shaker.
+# the part that drives the structure with everything attached to it; under voltage or current, this
+# includes a shaker
 DRIVES = ("voltage", "current", "force", BASE, "none")
 BY_UNIT = {"V": "voltage", "A": "current", "N": "force", "N/kg": "force", "N m": "force"}
 # Quantities that a channel of each role may measure. A source is a voltage, a current, or a force
@@ -37,7 +37,8 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "drive_point": ("acceleration",),
     "frequency": ("frequency",),  # axis of a measured FRF, which has no sampling frequency
     "phase": ("angle",),  # phase of the response relative to the force, in a measured FRF
-    "time": ("time",),  # determines the sampling frequency and is not kept as a channel
+    # name of a column that determines the sampling frequency, and is not kept as a channel
+    "time": ("time",),
 }
 ROLES = tuple(QUANTITIES)
 COUNTED = "none: samples of a loop without times are counted"

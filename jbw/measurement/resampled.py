@@ -38,7 +38,7 @@ PASSED = 0.9  # Frequencies below this fraction of half the sampling rate are ke
 SHARE = 0.75  # rate of a signal through uneven samples, divided by their mean rate
 # number of values found at once, and number of values that two blocks share
 BLOCK, OVERLAP = 1 << 15, 128
-DAMPED = 1e-4  # weight that keeps values finite where no sample determines them
+DAMPED = 1e-4  # weight that keeps values finite at places where no sample determines them
 HELD_OUT = 8  # Every eighth sample is held out to estimate the error.
 LARGEST_ERROR = 0.5  # largest error of a fitted signal, divided by its rms
 NEAR = 2e-3  # A rate this close to a whole number of hertz, relatively, counts as that number.
@@ -63,8 +63,8 @@ def interpolated(
         nearest = np.floor(at).astype(int)
         weight = _kernel(((at - nearest)[:, None] - offsets) / stretch)
         rows = padded[nearest[:, None] + offsets + reach]
-        # The weights sum to one only within the window's ripple; the division keeps a constant
-        # unchanged.
+        # Divide by the sum of the weights, because it is one only within the window's ripple; a
+        # constant then stays unchanged.
         values.append(np.sum(weight * rows, axis=1) / np.sum(weight, axis=1))
     return np.concatenate(values) if values else np.zeros(0)
 

@@ -42,7 +42,7 @@ class ShakerFit:
     # standard deviations of the five values, from the residual of independent lines
     std: Float[np.ndarray, " 5"]
     leftover: float  # residual of the force's spectral lines, divided by their magnitude
-    leftover_gain: float  # the same ratio for a constant gain alone
+    leftover_gain: float  # the same ratio for a fit by a constant gain alone
     num_lines: int
     band_hz: tuple[float, float]
 

@@ -21,7 +21,7 @@ SPAN = "span"  # key of a record's provenance
 
 
 def span_words(span: tuple[float, float]) -> str:
-    """Return a span as text in the form that the provenance uses."""
+    """Return a span as text, in the form in which the provenance of a record contains it."""
     return f"{span[0]:.9g}-{span[1]:.9g} s"
 
 
@@ -67,7 +67,7 @@ def unbroken_line(
     """
     usual = float(np.median(np.diff(time)))
     starts, stops = np.append(0, breaks + 1), np.append(breaks + 1, len(time))
-    # If times went back, a part begins after the latest time before it.
+    # If times jumped back, a part begins after the latest earlier time.
     latest = np.append(-np.inf, np.maximum.accumulate(time))[starts] + usual / 2
     starts = starts + [
         int(np.searchsorted(time[first:stop], before))
@@ -102,7 +102,8 @@ def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
     """
     role = next(role for role in (*RESPONSES, *record.channels) if role in record.channels)
     x = record.channels[role]
-    is_like = len(x) == len(spoilt)  # otherwise the lengths of the channels are reported, too
+    # Otherwise the unequal lengths of the channels would be reported, too.
+    is_like = len(x) == len(spoilt)
     finite = np.isfinite(x)
     middle = x[finite].mean() if np.any(finite) else 0.0
     power = np.where(finite, x - middle, 0.0) ** 2 if is_like else np.ones(len(spoilt))

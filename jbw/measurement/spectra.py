@@ -27,7 +27,7 @@ Window = Literal["hann", "boxcar"]
 # Half-power width of |W(f)|^2 in bins of 1 / (window length), the distance at which two lines are
 # distinct.
 RESOLUTION_BINS = {"hann": 1.44, "boxcar": 0.89}
-# If a peak is narrower than this many times the resolution, its damping is estimated at least 5 %
+# If a peak is narrower than this multiple of the resolution, its damping is estimated at least 5 %
 # too high.
 COARSE = 4.0
 DEFAULT_SEGMENTS = 16

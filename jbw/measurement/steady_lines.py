@@ -123,7 +123,7 @@ def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) 
 
 
 class _WeightedPart(NamedTuple):
-    """The part of a record to which lines and a decay are fitted, with the columns of the fit."""
+    """One part of a record, with the columns of the fit of lines and a decay to it."""
 
     columns: Float[np.ndarray, "time column"]
     part: Reals
@@ -146,7 +146,7 @@ def _with_errors(
     size = np.linalg.norm(jacobian, axis=0)
     weighed = (weight**2)[:, None] * jacobian / size
     normal = np.linalg.pinv(weighed.T @ jacobian / size)
-    # The sandwich covariance is for white noise and weights that do not match it.
+    # Use the sandwich covariance, because the weights do not match the white noise.
     covariance = variance * normal @ (weighed.T @ weighed) @ normal / np.outer(size, size)
     furthest = length_s - time[-1]  # distance of the part's middle from the record's start
     lines = []

@@ -104,7 +104,7 @@ def _course(record: Record, band_hz: tuple[float, float], settle_s: float) -> _B
 
 
 def late_blow(record: Record, course: _Beginning) -> float | None:
-    """Return the time of the blow [s] if the record begins before it; otherwise None."""
+    """Return the time of the blow [s] if the record begins before this blow; otherwise None."""
     begins = course.time[0] - course.half_s
     onset = _onset(record.channels[record.response], record.fs, begins, course.centre_hz)
     if onset is not None:
@@ -119,7 +119,7 @@ def late_blow(record: Record, course: _Beginning) -> float | None:
 
 
 def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None:
-    """Return the time at which a quiet record becomes loud within one period [s]; else None."""
+    """Return the time at which a quiet record becomes loud within one period [s]; None if none."""
     first, period = round(begins * fs), whole_up(fs / centre_hz)
     size = np.abs(x[first:] - np.median(x[first:]))
     size = size / size.max()

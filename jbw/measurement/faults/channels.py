@@ -57,7 +57,7 @@ def inspect(
 
 
 def _channel(record: Record, role: str, masked: bool, delay_s: float) -> Iterator[Fault]:
-    """Yield the faults of one channel; stop after a fault that makes its numbers meaningless."""
+    """Yield the faults of one channel; stop after a fault that makes the numbers meaningless."""
     x = record.channels[role]
     # `min` and `max` return NaN if there is one, and need no copy of a long record.
     if len(x) and not np.isfinite([x.min(), x.max()]).all():
@@ -111,7 +111,7 @@ def _signal(record: Record, role: str, delay_s: float = 0.0) -> Iterator[Fault]:
         return
     is_measured = role in RESPONSES or role == "restoring_force"
     each, first = held_for(x) if is_measured else (1, 0)
-    if each > 1:  # other faults show in the values without their repetitions
+    if each > 1:  # Other faults show in the values if each value is used only once.
         lag_s, driven = (each - 1) / 2 / record.fs, set(INPUTS) & record.channels.keys()
         if not LAGS[0] * lag_s <= abs(delay_s) <= LAGS[1] * lag_s:
             line = lag_s if driven else None

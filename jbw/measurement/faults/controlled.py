@@ -17,7 +17,7 @@ LISTED = 8  # points named in a message
 JUMP = 0.3  # smallest jump of log amplitude between neighbouring points: a change by a third
 SHIFT = 0.01  # smallest relative jump of a backbone's frequency between neighbouring points
 TIMES = 8.0  # A step counts as a jump if it exceeds the median step by this factor.
-# Smallest simultaneous jump of the phase [rad], where the phase is measured.
+# smallest simultaneous jump of the phase [rad], used where the phase is measured
 TURN = np.radians(20.0)
 SAME = 1e-6  # relative difference of frequency below which points belong to the same S-curve
 
@@ -58,7 +58,7 @@ def uncontrolled(
 def _turned(role: str, freq_hz: Reals, phase: Reals) -> Fault:
     """Return a warning that the displacement leads the force, as if the joint supplied energy."""
     lowest = np.argsort(freq_hz)[: max(1, len(freq_hz) // 4)]
-    # Far below the resonance displacement and force are in phase, except with a sign error.
+    # Far below the resonance, displacement and force are in phase unless a sign is wrong.
     over = np.mean(np.cos(phase[lowest])) < -0.5
     remedy = messages.put_scale(role) if over else messages.PUT_CONJUGATE
     return doubt(role, *messages.leading(np.degrees(np.median(phase)), remedy))

@@ -12,7 +12,7 @@ from jbw.measurement.readings.sweep import SweepFits, SweepSignal
 from jbw.report.messages import clock_faults as messages
 
 FALLS = 0.5  # A drive drops off if it falls to this fraction of its median.
-# noise relative to the smallest drive, above which damping has an error of some percent
+# ratio of noise to the smallest drive, above which the damping has an error of some percent
 NOISY = 0.05
 # limit of a drive's roughness, relative to its median, between a sweep (0.01) and noise (0.5)
 RANDOM = 0.3
@@ -31,7 +31,7 @@ class DropOff(Hypothesis):
 
 
 def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
-    """Return a sweep's smallest drive relative to its median, and its noise; None if sound."""
+    """Return a sweep's smallest drive relative to the median, and its noise; None if sound."""
     smooth, rough = drive_course(signal)
     least = float(smooth.min())
     noise = rough / least

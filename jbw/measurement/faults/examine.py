@@ -120,7 +120,7 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
 
 
 def _read_fits(fits: Fits) -> ModeReading | None:
-    """Return frequency and damping from the fits to a record; None if their errors are unknown."""
+    """Return frequency and damping from the fits to a record, or None without known errors."""
     try:
         return read_fits(fits)
     except np.linalg.LinAlgError:
@@ -139,7 +139,7 @@ def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
 
 
 def _kept(key: str, band: Band, make: Callable[[], Examined]) -> Examined:
-    """Return the stored examination of a record, or compute and store it.
+    """Return the stored examination of a record; if there is none, examine the record and store it.
 
     If the folder cannot be written or a file cannot be read, the only cost is a new computation.
     The result is empty if the numerics fail on an unusual record.

@@ -61,7 +61,7 @@ def told_together(test: str, count: int) -> Iterator[None]:
 
 def _together(faults: Sequence[tuple[str, Fault]], count: int) -> Fault:
     (name, first), *others = faults
-    # If one key is valid for all records, use the value that suits every record.
+    # If all records can use the same key, use the value that suits every record.
     remedies = [fault.remedy for _, fault in faults]
     leaves_out = LEAVES_OUT.search(first.remedy)
     remedy = of_all(remedies, count) if leaves_out else max(remedies, key=_numbers)

@@ -31,7 +31,7 @@ from jbw.measurement.faults.window import Window
 from jbw.measurement.readings.sweep import SweepFits
 from jbw.report.messages import decay_faults as messages
 
-# Kinds of fault that are fitted together with a mode are ordered by their number of parameters.
+# Kinds of fault that are fitted together with a mode, in order of their number of parameters.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Delay(), ClocksApart(), UndecayingLine(), SecondBlow(), LostBlock(), SecondMode(),
     Window(), DropOff(), HighPass(), Wear(), Slip(), ZeroOfLoadCell(),
@@ -42,7 +42,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 def explained(fits: Fits, facts: Facts) -> Iterator[Fault]:
     """Yield the faults that a fitted mode shows, and the one fault behind the fit's residual."""
     yield from (seen := [fault for one in HYPOTHESES for fault in one.seen(fits, facts)])
-    # Noise of the drive biases the damping and leaves no residual that could be explained.
+    # Noise of the drive biases the damping, but leaves no residual that a fault could explain.
     if isinstance(fits, SweepFits) and seen:
         return
     left = remainder(fits)

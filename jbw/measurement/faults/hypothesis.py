@@ -40,9 +40,9 @@ NEARLY = 20.0  # Two causes count as equally likely if 2 ln of their likelihoods
 # An unexplained residual is reported from this weighted rms and this fraction of the response on.
 # Of 432 sound records, those above 1.3 leave at most 2 % of the response, the others at most 17 %.
 UNEXPLAINED, UNEXPLAINED_SHARE = 1.7, 0.08
-# powers of the amplitude for the mode that is fitted together with a cause
+# powers of the amplitude in the mode that is fitted together with a fault
 BASES_TRIED = ("linear", "power")
-# A line of a residual's spectrum is compared with the median of so many lines around it.
+# A line of a residual's spectrum is compared with the median of this number of lines around it.
 AROUND = 61
 
 Fits = DecayFits | SweepFits
@@ -54,7 +54,7 @@ class Hypothesis:
     name: ClassVar[str]  # the name of the fault in a table
 
     def seen(self, fits: Fits, facts: "Facts") -> Iterator[Fault]:
-        """Yield the fault if the record of a fitted mode shows it without a fit of the fault."""
+        """Yield the fault if a fit of the mode alone already shows it in the record."""
         yield from ()
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
@@ -70,7 +70,7 @@ class Hypothesis:
         raise NotImplementedError
 
     def spoils(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a fault with these parameters makes the record useless."""
+        """Return whether a fault with these parameters makes the record unusable."""
         return False
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
@@ -166,8 +166,8 @@ def named_cause(
             modes[hypothesis.name] = _mode(fits, found[0][1])
         tried += [(hypothesis, *row) for row in found if hypothesis.matters(row[0], fits)]
         rivals += len(found) > 0
-        # Kinds of fault are ordered by their number of parameters; if one of two leaves only noise,
-        # no other is tried.
+        # Kinds of fault are in order of their number of parameters. If one fault leaves only noise,
+        # no further one is tried.
         if rivals > 1 and any(fitted.squares < enough for _, _, fitted in tried):
             break
     if not tried:
@@ -201,7 +201,7 @@ def _mode(fits: Fits, linear: ModeFit) -> tuple[float, float]:
 
 
 def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, ModeFit]]:
-    """Yield fits of a mode together with a fault: of a linear mode, then of one with a power law.
+    """Yield fits of a mode together with a fault: first a linear mode, then one with a power law.
 
     The fit with a power law also starts from the result of the fit with a linear mode.
     """

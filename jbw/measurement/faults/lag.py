@@ -27,8 +27,9 @@ from jbw.report.messages import clock_faults as messages
 from jbw.report.messages import loop_faults as loop_messages
 from jbw.report.messages.message import FaultText
 
-OTHER_SIGN = 0.45  # lag in periods from which the channel has a wrong sign instead
-# Smallest lags in periods that are reported; a drift is the change over the whole record.
+OTHER_SIGN = 0.45  # lag, in periods, above which the cause is a wrong sign of the channel instead
+# Smallest lags, in periods, that are reported; a drift of the lag is the change over the whole
+# record.
 LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05
 LEAST_LOST = 1.6  # samples
 # tried times of a jump, as fractions of the record's accumulated amplitude
@@ -104,7 +105,7 @@ class Delay(_Lag):
         longest = OF_CYCLE * float(np.median([one.num_samples for one in cycles]))
         # samples for which the record contains the force at the longest lag
         known = slice(0, len(loop.force) - int(np.ceil(longest)))
-        # Together with a lag a dashpot is redundant, because a lagging spring acts as a negative
+        # No dashpot is fitted together with a lag, because a lagging spring acts as a negative
         # dashpot.
         basis = LoopBasis(whole.losses[known, :-1], whole.springs[known])
         samples = np.arange(len(loop.force))
@@ -117,14 +118,14 @@ class Delay(_Lag):
         yield LoopCause(share * found.fun, loop_messages.late(lag, residual.delay_s + lag))
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        r"""Yield columns that state how a delay of all responses changes the data: $-j\omega X$."""
+        r"""Yield columns for the change of the data by a delay of all responses: $-j\omega X$."""
         spectra = misfit.spectra.items()
         columns = {n: as_columns(s.row(-1j * s.omega * s.predicted)) for n, s in spectra}
         yield Suspect(columns, lambda tau: messages.another_delay(tau[0]))
 
 
 class ClocksApart(_Lag):
-    """A growing lag: its value at mid-record and its change over the record, in mean periods."""
+    """A growing lag: the lag at mid-record and its change over the record, in mean periods."""
 
     name = "clocks apart"
     starts = ((-0.25, -0.5), (-0.12, -0.25), (0.12, 0.25), (0.25, 0.5))
@@ -145,7 +146,7 @@ class ClocksApart(_Lag):
         return messages.another_clock(slope, abs(change))
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        r"""Yield columns that state how a fast response clock changes the data: $-t\,\dot x$."""
+        r"""Yield columns for the change of the data by a fast response clock: $-t\,\dot x$."""
         courses = {n: s.stretched for n, s in misfit.spectra.items() if s.stretched is not None}
         if courses:
             columns = {name: as_columns(-course) for name, course in courses.items()}
@@ -153,7 +154,7 @@ class ClocksApart(_Lag):
 
 
 class LostBlock(_Lag):
-    """A lag that jumps from zero: its size in mean periods, its time as a part of the record."""
+    """A lag that jumps from zero: size in mean periods, and time as a fraction of the record."""
 
     name = "lost block"
 

@@ -33,7 +33,7 @@ LOUD = 0.3
 FEWEST = 12  # smallest number of lines with a usable phase
 CERTAIN = 6.0  # standard errors of a lag
 ONE_MODE = 0.3  # largest standard deviation of log |Y/U| about one mode; more means several modes
-ROUGH = 0.15  # [rad]; if the phase varies by more, there is more than one mode
+ROUGH = 0.15  # [rad]; if the phase varies by more about a single mode, there is more than one mode
 # number of parts into which a record is divided, and number of averages in each part
 PARTS, AVERAGES = 8, 8
 LEAST_PARTS = 2  # smallest number of parts before and after a part in which the lag jumps
@@ -73,15 +73,15 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
 def _away(
     omega: Reals, receptance: Complex[np.ndarray, " line"]
 ) -> tuple[Int[np.ndarray, " kept"], Reals, Reals] | None:
-    """Return lines off the resonance, their phase, and the slope of phase with damping; or None."""
+    """Return lines off the resonance, with their phase and its slope with damping; or None."""
     natural = float(omega[np.argmax(np.abs(omega * receptance))])
     r = omega / natural
     lines_away = np.flatnonzero(np.abs(1 - r**2) > AWAY)
     if len(lines_away) < FEWEST:
         return None
     r = r[lines_away]
-    # The magnitude of a single mode is proportional to 1 / (1 - r^2); with several modes, the phase
-    # shows no lag.
+    # If there are several modes, the phase shows no lag. The magnitude of a single mode is
+    # proportional to 1 / (1 - r^2).
     if np.std(np.log(np.abs(receptance[lines_away] * (1 - r**2)))) > ONE_MODE:
         return None
     phase = np.angle(receptance[lines_away] * np.where(r < 1, 1.0, -1.0))
@@ -192,14 +192,15 @@ def _course(time: Reals, lags: Reals) -> tuple[float, tuple[float, float, float]
 
     plain, growing = fitted(), fitted(time - time[0])
     steps = [(3, at - 1, at, fitted(part >= at)) for at in range(1, count)]
-    # If the lag jumps within a part, that part has an intermediate lag.
+    # If the lag jumps within a part of the record, that part has an intermediate lag.
     for at in range(LEAST_PARTS, count - LEAST_PARTS):
         within = fitted(part > at, part == at)
         if _better(plain, within, 2 * count, 4):
             steps.append((4, at - 1, at + 1, within))
     unknowns, before, after, jump = min(steps, key=lambda candidate: candidate[-1].squares)
     chosen = plain
-    # Few of the eight parts remain for an estimate of the variation; this test accounts for that.
+    # This test accounts for the fact that few of the eight parts remain for an estimate of the
+    # variation.
     if _better(plain, growing, 2 * count, 2):
         chosen = growing
     if jump.squares < chosen.squares and _better(plain, jump, 2 * count, unknowns):

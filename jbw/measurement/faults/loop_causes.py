@@ -74,11 +74,12 @@ def _named(
 
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
-    """Return the columns of stated effects, and the columns of a zero error that was not stated."""
+    """Return the columns of stated effects, and those of a load cell's zero that was not stated."""
     y, basis = loop.displacement, basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
     if not begins_unmoved(y):
-        known = max(known, 1)  # Sliders that are fully stuck there contribute a constant.
+        # Sliders that are fully stuck at the start contribute a constant force.
+        known = max(known, 1)
     springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)
     if set(laws) & set(WEARING):
         springs = np.column_stack([springs, *(path_of(loop) * loop.force)])

@@ -53,7 +53,7 @@ def swapped(record: Record) -> Iterator[Fault]:
     """Yield a warning if input and response of a sweep are exchanged."""
     try:
         estimate = _frf(record, SEGMENTS, 0.0)
-    # The record is too short or lacks input at some frequencies, so that nothing can be compared.
+    # Nothing can be compared, because the record is too short or lacks input at some frequencies.
     except DataError:
         return
     yield from peaked_input(record.source, estimate)
@@ -63,7 +63,7 @@ def _frf(record: Record, segments: int, delay: float) -> FRF:
     u, y = (record.channels[role][:LOOKED_AT] for role in (record.source, record.response))
     nperseg = len(u) // segments
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # The checks that follow report the same faults.
+        warnings.simplefilter("ignore")  # The checks that follow report these faults.
         return frf(u, y, record.fs, response=record.response, nperseg=nperseg, delay=delay)
 
 
@@ -103,7 +103,8 @@ def _missized(
     omega = 2 * np.pi * freq
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     ratio = 1.0 if per_unit is None else seen / per_unit
-    if seen < 0 and in_band:  # Without a band, this may be another mode, with the other sign.
+    # Without a band, the strongest peak may be another mode, with the opposite sign.
+    if seen < 0 and in_band:
         yield turned_over(role, seen)
     elif not 1 / MASS_FACTOR < ratio < MASS_FACTOR:
         yield doubt(role, *gain_messages.other_size(ratio))

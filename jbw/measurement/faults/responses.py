@@ -91,7 +91,7 @@ def _named(fitted: Sequence[Harmonics]) -> str:
 
 
 def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
-    """Yield faults of sign or unit: work -pi F Im Y that is not positive, or a rising phase."""
+    """Yield faults of sign or unit: work -pi F Im Y that is not positive, or a phase that rises."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
         yield refusal(role, *messages.few_lines(len(curve.freq_hz), FEWEST_LINES))
@@ -157,7 +157,7 @@ def already_moving(record: Record, band: Sequence[float] | None, settle: float) 
     if constant := list(offset(record)):
         yield from constant
         return
-    # Zeros prevent the filter from mixing the end with the start.
+    # Pad with zeros, because the filter would otherwise mix the end with the start.
     x = np.concatenate([x, np.zeros_like(x)])
     freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
     spectrum[~lines_within(freq, band or (0.0, fs)) | (freq == 0)] = 0
@@ -214,7 +214,7 @@ def several_resonances(record: Record) -> Iterator[Fault]:
     ratio = hz / mode.frequency_hz
     of_mode = np.abs(lines.source / (1 - ratio**2 + 2j * mode.damping * ratio)) ** 2
     outside = ~lines_within(hz, _around_line(peak))
-    # The power of a line of noise varies by itself, so that the power outside is uncertain.
+    # The power outside the band is uncertain, because the power of a single line of noise varies.
     total = max(np.sum(power - noise), power.max())
     least = np.sum((power - noise)[outside]) - SURE * np.linalg.norm(noise[outside])
     expected = np.sum(of_mode[outside]) / np.sum(of_mode)
@@ -225,7 +225,7 @@ def several_resonances(record: Record) -> Iterator[Fault]:
 
 
 def _white_noise(lines: DrivenLines, order: int) -> Reals:
-    """Return the power of white noise in each line of displacement; `order` is that measured.
+    """Return the power of white noise in each line of displacement; `order` is the measured order.
 
     Second differences of the ratio of response to drive contain noise and hardly any mode. The mean
     power of lines of noise is their median over ln 2.

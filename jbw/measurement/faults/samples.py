@@ -62,7 +62,7 @@ def drop_outs(x: Reals) -> list[int]:
     error = rows[:, -1] - rows[:, :-1] @ filtered
     rounding = float(np.min(np.diff(np.unique(unit)))) ** 2 / 12 * (1 + filtered @ filtered)
     far = np.flatnonzero(np.abs(error) > FAR * np.sqrt(_scales(error) ** 2 + rounding))
-    # Samples after a faulty one are predicted from it and do not count.
+    # Samples after a faulty sample do not count, because they are predicted from the faulty one.
     first = far[np.diff(far, prepend=-ORDER - 1) > ORDER]
     predicted = rows[first, -1] - error[first]
     inward = np.abs(rows[first, -1]) < INWARD * np.abs(predicted)

@@ -63,7 +63,7 @@ class SecondMode(Hypothesis):
             rate = fits.signal.rate
             second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
             passed = low < abs(values[0]) < high and rate.min() < second < rate.max()
-            # A nearer mode would be the first mode itself, with a lag.
+            # Such a near mode would be the first mode itself, with a lag.
             return bool(passed and abs(float(values[1])) > NEAREST)
         # If the modes are closer than the sum of their damping rates, one decays before they beat.
         beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))
@@ -125,7 +125,7 @@ def _beside(first: float, second: float, band: tuple[float, float]) -> tuple[flo
 
 
 def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
-    """Return whether a narrower band keeps the first mode as fitted together with the second."""
+    """Return whether a fit in a narrower band finds the first mode as the fit of both modes did."""
     fits = decay_fits(facts.record, band_hz, facts.settle_s)
     if fits is None:
         return False

@@ -24,7 +24,7 @@ Columns = Float[np.ndarray, "value column"]
 
 
 class Misfit(NamedTuple):
-    """A fit whose residual exceeds noise.
+    """A fit whose residual exceeds the noise of the data.
 
     Attributes:
         spectra: Values, residual and spectra of each group, by label.

@@ -21,7 +21,8 @@ from jbw.report.messages.message import FaultText
 
 # largest distance of a gain from -1; -1 is the gain for a base's acceleration
 BASE = 0.1
-LARGER = 1.5  # largest ratio to the median gain; no joint changes a modal mass by more
+# largest ratio of a gain to the median gain, because no joint changes a modal mass by more
+LARGER = 1.5
 TURNED = 0.2  # distance from -1 within which a factor means a reversed sign
 CLOSE = 0.03  # relative distance within which a factor is a ratio of units
 UNITS = {
@@ -57,7 +58,7 @@ def _factor(label: str, spectrum: Spectrum) -> Suspect:
 
 
 def unlike(factor: float, source: str, test: str = "") -> FaultText:
-    """Return the text on a test or repeat whose gain is `factor` times that of the others."""
+    """Return the text on a test or repeat whose gain is `factor` times the gain of the others."""
     if abs(factor + 1) < TURNED:
         return messages.other_sign(source, test)
     close = (pair for pair in UNITS.items() if abs(abs(factor) / pair[0] - 1) < CLOSE)
@@ -66,7 +67,7 @@ def unlike(factor: float, source: str, test: str = "") -> FaultText:
 
 
 def _apart(misfit: Misfit) -> Iterator[Cause]:
-    """Yield the data group whose separate gain differs from the others' in sign or size."""
+    """Yield the data group whose separate gain differs from the other gains in sign or size."""
     fits = {n: pair for n, s in misfit.spectra.items() if (pair := _alone(s)) is not None}
     missed = [label for label in misfit.missed if label in fits]
     if len(fits) < 2 or not missed:

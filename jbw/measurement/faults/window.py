@@ -23,8 +23,8 @@ SURE = 8.0  # number of standard errors by which the noise's rate of decay must 
 # Smallest numbers of frames in time and of lines in frequency for the noise power over time.
 FRAMES, LINES_OF_NOISE = 10, 10
 APART = 3  # distance of lines that are independent under a Blackman-Harris window
-# Number of groups of frequencies, in all of which windowed noise decays equally; smallest number of
-# lines in each.
+# Number of groups of frequencies, in all of which windowed noise decays equally; and smallest
+# number of lines in each group.
 GROUPS, LEAST_OF_GROUP = 4, 5
 SCATTERED = 0.67  # largest ratio of the lower quartile of the noise's lines to their median
 ALIKE = 1e-3  # smallest p-value of the variation between groups and over time

@@ -58,7 +58,7 @@ class _Channels(NamedTuple):
     done: Mapping[str, str]
 
     def beside(self, other: "_Channels") -> "_Channels":
-        """Return these channels merged with others, which take precedence."""
+        """Return these channels together with other channels, which take precedence."""
         return _Channels(
             {**self.rows, **other.rows}, {**self.units, **other.units}, {**self.done, **other.done}
         )
@@ -173,7 +173,7 @@ def _channel(
     if reference:
         rows = [reference * 10 ** (_of_amplitudes(row, role, is_curve) / 20) for row in rows]
         done[f"decibels of {role}"] = f"0 dB is {reference:g} {unit}"
-    # Most files are in SI units already; this saves a copy of a long record.
+    # Most files are in SI units already, so that no copy of a long record is made.
     rows = rows if factor == 1.0 else [row * factor for row in rows]
     if items[0].start_s is not None:
         done[f"start of {role}"] = f"{items[0].start_s:.9g} s"
@@ -324,7 +324,8 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
     if contradicts and not (plain(stated).lower() == "db" and not bare):
         remedy = messages.MINE
         if is_voltage(stated) and role in SENSITIVITIES:
-            # With a factor besides the unit, the factor is the calibration of one volt.
+            # If a factor is given in addition to the unit, the factor is the calibration of one
+            # volt.
             example = f"1 V/{stated_unit}" if role in request.scale else SENSITIVITIES[role]
             line = toml_table({**request.sensitivity, role: example})
             remedy = messages.of_sensor(line, is_scaled=role in request.scale)

@@ -189,7 +189,7 @@ def time_unit(time: NDArray[np.number]) -> tuple[str, bool]:
 
 def _round_rates(fs: float) -> tuple[float, ...]:
     """Return the multiples of 1 Hz and of 0.1 Hz nearest to a rate."""
-    # Division by 10 instead of multiplication by 0.1 keeps 51.2 exactly 51.2.
+    # Division by 10 is used instead of multiplication by 0.1, because it keeps 51.2 exactly 51.2.
     return tuple(near for near in (float(round(fs)), round(10 * fs) / 10) if near > 0)
 
 
@@ -214,7 +214,7 @@ def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOP
 
 
 def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
-    """Return the value of every time's last printed digit, for fixed decimals and for fixed digits.
+    """Return the size of each time's last printed digit, for fixed decimals and for fixed digits.
 
     `%.6f` writes the same number of decimals everywhere; `%.7g` writes 9.876953 and 10.00195, so
     that later times are rounded more. Times of a binary file have the resolution of their type.
@@ -245,7 +245,8 @@ def _are_whole(values: Reals, quanta: Reals, error: float) -> bool:
         steps = np.divide(x, q, out=np.zeros(len(x)), where=q > 0)
         room = 1e-6 + np.divide(error, q, out=np.zeros(len(x)), where=q > 0)
         nearest = np.round(steps)
-        # Times that are all near zero compared with a resolution are no multiples of it.
+        # Times that are all close to zero, compared with a resolution, do not count as its
+        # multiples.
         if np.any(np.abs(steps - nearest) > np.minimum(room, 1e-3)) or not nearest.any():
             return False
     return True

@@ -79,7 +79,7 @@ class Dialect:
         if self.delimiter and self.delimiter not in line:
             return 0  # single columns are handled separately
         if '"' in line and any(text.count('"') % 2 for text in line.split(self.delimiter)):
-            return 0  # The delimiter occurs within a quoted field, such as "1,5".
+            return 0  # Here the delimiter occurs within a quoted field, such as "1,5".
         fields = self.fields(line)
         is_row = all(map(self.is_cell, fields)) and not all(map(is_lost, fields))
         return len(fields) if is_row else 0
@@ -252,7 +252,7 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
 
 
 def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
-    """Count the last lines that consist of one decimal number; return also their notation."""
+    """Count the last lines that consist of one decimal number; return their notation as well."""
     marks = Dialect(None, ".")
     widths = [0 if re.search("[,;\t]", line) else marks.width(line) for line in lines]
     while widths and widths[-1] < 0:
@@ -486,7 +486,7 @@ def _tree(
     pairs = _complex_pairs(titles, leaves)
     parts = {title for title in titles if _part(title)[0] in pairs}
     for i, (title, column_leaf) in enumerate(zip(titles, leaves, strict=True)):
-        # A name that occurs twice is ambiguous; its columns are accessible only by number.
+        # A name that occurs twice is ambiguous, so its columns are accessible only by number.
         is_unique = bool(title) and titles.count(title) == 1
         if is_unique:
             root[title] = column_leaf

@@ -45,7 +45,7 @@ def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
         return _walk(root, [], path)
     except DataError as error:
         name, unit = titled(path)
-        # This is a title followed by its unit.
+        # Here the path is a title followed by the title's unit.
         if unit and isinstance(root, Mapping) and name in root:
             return _walk(root[name], [], "")
         channels = [name for name, item in names(root) if isinstance(item, Leaf)]

@@ -46,7 +46,7 @@ class Wanted:
     lines_hz: tuple[float, ...] = ()
     conjugate: bool = False
     resample: float | None = None  # [Hz]; for channels of several rates or with uneven clocks
-    # whose units apply if file and campaign differ: "file" or "mine" (the campaign's)
+    # the source of the units if file and campaign differ: "file", or "mine" (the campaign)
     units_are: str = "file"
     # Sensitivities in volts per unit, such as "100 mV/g", of sensors whose channels are in volts.
     sensitivity: Mapping[str, str] = field(default_factory=dict)
@@ -139,7 +139,7 @@ def _own_clock(
         time = np.asarray(printed, np.float64) * _seconds_in(clock, printed, request)
         times = time if request.span is None else time[rows_of_span(time, request.span)]
         if not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
-            sampling_frequency(times)  # This raises an error that says where the times fail.
+            sampling_frequency(times)  # This call raises an error that says where the times fail.
         try:
             return sampling_frequency(time)[0], None
         except DataError:

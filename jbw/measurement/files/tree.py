@@ -24,11 +24,11 @@ WHOLE = slice(0, None)
 
 @dataclass(frozen=True)
 class Leaf:
-    """A numeric array of a file, and the part of it that a path selects; it is read on demand."""
+    """A numeric array of a file and the selected part of that array; it is read on demand."""
 
-    # numpy array, or an object of the file such as an h5py dataset, with shape and dtype
+    # numpy array, or an object of the file with shape and dtype, such as an h5py dataset
     array: Any
-    axes: tuple[int, ...]  # stored axes that have no index yet, in the user's order
+    axes: tuple[int, ...]  # those stored axes that have no index yet, in the user's order
     # index at which each other stored axis is fixed
     fixed: Mapping[int, int] = field(default_factory=dict)
     fs: float | None = None  # sampling frequency that the file states for the array [Hz], if any
@@ -163,7 +163,7 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
             f"the other {facts[1]}.",
             remedy="Subtract channels that were sampled together, in one unit.",
         )
-    # The difference is computed in float64, so that integers do not wrap around.
+    # The difference is computed in float64, because integers would wrap around.
     subtracted = load(source.minus, part)
     return np.subtract(loaded, subtracted, dtype=np.result_type(loaded, subtracted, np.float64))
 

@@ -51,7 +51,9 @@ FADED = 2.4
 QUIETEST = 0.3  # amplitude relative to the noise at which a decay ends
 LOUD = 4.0  # multiple of the noise's amplitude that noise alone exceeds in one of 10^7 values
 FEWEST_KEPT = 24
-LEAST_FALL = 1e-3  # smallest rate at which a decay's envelope falls, relative to `scale`
+# Lines at which the filter's gain exceeds the first number determine the noise; the second number
+# is the fewest such lines.
+LEAST_FALL = 1e-3
 # Lines at which the filter's gain exceeds the first number determine the noise; the second is their
 # smallest number.
 HALF_GAIN, FEWEST_LINES = 0.5, 12
@@ -137,7 +139,7 @@ class DecaySignal:
         return max(float(rate), 1e-3 / self.time[-1]), turn
 
     def passed(self, turn: float) -> float:
-        """Return the filter's gain for a steady line, given by its frequency above the centre."""
+        """Return the filter's gain for a steady line, at its frequency above the centre [rad/s]."""
         return float(np.abs(np.exp(_log_response(self, np.array([1j * turn]))[0]))[0])
 
     def until(self, count: int) -> "DecaySignal":
@@ -344,7 +346,7 @@ class _Flow(NamedTuple):
 def _flow(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, above: float = 0.0
 ) -> _Flow | None:
-    """Return a decay's rates and times against log amplitude; None if the decay is invalid."""
+    """Return rates and times of a decay against log amplitude; None if the decay is invalid."""
     terms = basis.terms
     own, turned = slice(2, 2 + terms), slice(2 + terms, 2 + 2 * terms)
     low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
@@ -377,7 +379,7 @@ class _Course(NamedTuple):
     through_slope: Complexes
 
     def at(self, since: Reals) -> Complexes:
-        """Return the logarithm of the filtered decay, linear beyond the last knot."""
+        """Return the logarithm of the filtered decay; beyond the last knot it is linear."""
         both = self.log + self.through, self.slope + self.through_slope
         late = np.maximum(since - self.time[-1], 0.0)
         return _hermite(self.time, *both, np.minimum(since, self.time[-1])) + late * self.slope[-1]

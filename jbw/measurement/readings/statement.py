@@ -36,7 +36,7 @@ LEAST_RANGE = 1.2
 LEAST = {"hz": 3e-3, "zeta": 5e-3}
 SURE = 3.5  # number of standard deviations by which a turning frequency must fall and rise again
 CERTAIN = 2.576  # half width of a 99 % interval in standard deviations
-EQUAL = 0.05  # error of a power that averaging may cause
+EQUAL = 0.05  # error of an estimated power that averaging may cause
 SPRING = 0.02  # largest ratio of a spring's change of damping to its relative change of frequency
 # Smallest ratio of damping change to relative fall of frequency for a joint that slips: for sliders
 # with the Iwan exponent chi, 4 (chi + 1) / (pi (chi + 3)), which is 0.1 at -0.8.
@@ -45,7 +45,8 @@ SLIPS = 0.1
 SPRINGS = {"cubic": 2.0, "quintic": 4.0}
 DAMPERS = {"quadratic_damping": 1.0, "cubic_damping": 2.0}
 HYSTERESIS = {"bouc_wen": 1.0}
-# A law that saturates has a smaller power than to first order: 0.8 where delta y reaches 2.
+# The power of a law that saturates is smaller than to first order: 0.8 at the amplitude where delta
+# y reaches 2.
 SATURATES = 0.25
 SLIDERS = ("masing_power", "iwan4")
 KINDS_OF_FORCE = (tuple(SPRINGS), tuple(DAMPERS), (*HYSTERESIS, *SLIDERS))
@@ -267,7 +268,7 @@ def _turn(b: Reals, covariance: Reals, low: float) -> float | None:
 
 
 def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
-    """Return the smallest amplitude at which the value clearly differs from the first one."""
+    """Return the smallest amplitude at which the value clearly differs from the first value."""
     powers = np.arange(1, len(b) + 1)
     for r in np.geomspace(low, 1.0, 60)[1:]:
         step = r**powers - low**powers

@@ -40,7 +40,8 @@ DRIVEN = 0.2  # Below this fraction of its largest amplitude, the drive excites 
 # A further power of the amplitude is kept if it reduces the sum of squares to at most this
 # fraction.
 WORTH_A_TERM = 0.9
-# Above this multiple of the noise the filter uses the measured amplitude, below it the model's.
+# Above this multiple of the noise, the filter uses the measured amplitude; below it, that of the
+# model.
 CLEAR = 30.0
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of modes outside the band
 # limits of the ratio of motion to response / frequency^order while the mode rings freely
@@ -368,7 +369,7 @@ def _project(
     weight: Reals,
     cause: SweepCause | None,
 ) -> _Projected:
-    r"""Solve for the gains c of the columns, some of which are real; return the residual.
+    r"""Solve for the gains c of the columns, some of which are real; return the residual with them.
 
     $$r = y - \Phi c, \quad \Phi^T r = 0, \qquad
       r' = -\Phi' c - \Phi G^{-1} (\Phi'^T r - \Phi^T \Phi' c), \quad G = \Phi^T \Phi$$

@@ -48,7 +48,8 @@ ODDS = 1e-4
 # smallest change that counts: of zeta or of the relative frequency, divided by zeta
 LEAST_CHANGE = 5e-3
 SURE = 3.0  # number of standard deviations by which a change must differ from zero
-MOST_TURNED = 0.6  # tangent of 31 degrees: phase of a gain, above which its sign is not known
+# tangent of 31 degrees: if the phase of a gain is larger, the sign of the gain is not known
+MOST_TURNED = 0.6
 
 Square = Float[np.ndarray, "row row"]
 
@@ -191,7 +192,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
 
 
 def _real_gain(gain: complex) -> float:
-    """Return the real part of a gain; NaN if its phase is neither that of a force nor reversed.
+    """Return the real part of a gain; NaN if the phase is neither that of a force nor its opposite.
 
     A lag or an error of a clock turns the phase, so that the gain has no sign.
     """

@@ -98,7 +98,7 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "sec": 1.0
 
 
 class Axis(NamedTuple):
-    """The first axis of a table, as lines above the table describe it."""
+    """The first axis of a table, as described by lines above the table."""
 
     name: str  # time or frequency
     unit: str

@@ -130,7 +130,7 @@ def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
 
 
 def _rounding(text: str) -> float:
-    """Return half a unit of a number's last digit, relative to the number; 0 for other text.
+    """Return half a unit of a number's last digit, divided by the number; 0 for other text.
 
     LabVIEW writes six decimals, of which zeros at the end may be missing.
     """

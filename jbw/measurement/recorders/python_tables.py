@@ -98,7 +98,7 @@ def read(contents: Contents) -> Contents:
         fs, start = _rate(facts) or contents.fs or _rate(contents.attributes), None
         index = facts.get(INDEX)
         if isinstance(index, Leaf) and index.shape == (item.shape[1 - along],):
-            # Whole numbers only count the rows.
+            # Whole numbers only count the rows, so they are no channel.
             clock = on_clock(Leaf(None, (), fs=fs), load(index), "")
             fs, start = clock.fs, clock.start_s
         for i, (name, unit) in enumerate(zip(names, units, strict=True)):
@@ -108,7 +108,7 @@ def read(contents: Contents) -> Contents:
                 fs, unit, start,
             )  # fmt: skip
             if name in root:
-                continue  # The file uses this name for something else.
+                continue  # The file uses this name for something other than channel names.
             root[name] = series[name] = channel
     return replace(contents, root=root, series=series)
 
