@@ -36,7 +36,9 @@ def solver_of(matrix: Sparse) -> Solve:
 
 
 def negative_pivots(matrix: Sparse) -> np.ndarray:
-    """Return rows with negative pivots of L D L^T: one for each negative eigenvalue (Sylvester).
+    """Return rows with negative pivots of L D L^T; their number is that of negative eigenvalues.
+
+    This is Sylvester's law of inertia.
 
     If the elimination must leave the diagonal, the only row is that of the largest component of the
     lowest eigenvector, and there is none if its eigenvalue is positive.

@@ -25,7 +25,7 @@ class JointUnits(NamedTuple):
     names: tuple[str, str, str]  # names of the units of force, motion and time
 
     def value(self, si: Any, unit: str, power_of_length: Any = 0.0) -> Any:
-        """Return the value of a parameter in the units of this joint.
+        """Return the value of a parameter in the units of this joint's motion and force.
 
         Args:
             si: Value in SI, where forces are in newtons and motions in metres.

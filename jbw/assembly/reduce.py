@@ -39,7 +39,7 @@ _SLOWEST_RESIDUAL = 5.0
 # degrees of freedom.
 _STILL = 1e-9
 _PARALLEL = 1e-10  # 1 - |cos| between the weights of two joints that act at the same point
-_ROUND_OFF = 1e-6  # excess of a share of energy over 1 that counts as round-off
+_ROUND_OFF = 1e-6  # part of an energy share above 1 that counts as round-off
 _PLAUSIBLE_HZ = (1e-2, 1e5)
 _SHOWN = 5
 
@@ -314,7 +314,7 @@ def _damping(
 def _of_every_mode(
     damping: ModalDamping, omega: np.ndarray, H: np.ndarray
 ) -> Float[np.ndarray, " mode"]:
-    """Return the damping ratios of all modes; a residual mode has that of the last kept mode.
+    """Return the damping ratios of all modes; a residual mode gets that of the last kept mode.
 
     If the damping matrix consists of mass, stiffness and dashpot terms, it gives those of residual
     modes, too.

@@ -220,8 +220,8 @@ def _angles(matrix: np.ndarray) -> np.ndarray:
     """Return the angles between a matrix's columns [degrees]; 90 for a column of zeros."""
     norms = np.linalg.norm(matrix, axis=0)
     unit = matrix / np.where(norms > 0, norms, 1.0)
-    # Compute small angles from differences of unit vectors: the arc cosine would lose half of the
-    # digits.
+    # Small angles are computed from differences of unit vectors, because the arc cosine would lose
+    # half of the digits.
     apart = np.linalg.norm(unit[:, :, None] - unit[:, None, :], axis=0)
     angles = np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
     return np.where(np.outer(norms > 0, norms > 0), angles, 90.0)

@@ -32,7 +32,8 @@ _BEYOND = 2  # number of modes that are requested above to_hz, so that none belo
 _FIRST_GUESS = 12  # number of modes in the first request
 _SAME_FREQUENCY = 1e-6  # relative difference up to which two frequencies are equal
 _MOST_SWEEPS = 50
-_TOLERANCE: Any = 1e-13  # tolerance of Lanczos' method; the type stubs require an integer
+# tolerance of Lanczos' method; its type is `Any`, because the type stubs require an integer
+_TOLERANCE: Any = 1e-13
 # Columns and combinations smaller than this fraction of the largest one are omitted.
 _DEPENDENT = 1e-10
 
@@ -156,7 +157,7 @@ def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit
 
 
 def _signed(shapes: np.ndarray) -> np.ndarray:
-    """Return mode shapes whose largest component (the first, if several) is positive."""
+    """Return mode shapes with a positive largest component (the first, if several are equal)."""
     sizes = np.abs(shapes)
     first = np.argmax(sizes >= (1 - _SAME_FREQUENCY) * sizes.max(axis=0), axis=0)
     return shapes * np.sign(shapes[first, np.arange(shapes.shape[1])])

@@ -206,7 +206,7 @@ def _tie_errors(joints: Sequence[JointTable]) -> Iterator[str]:
 
 
 def leader_of(joint: JointTable, by_name: Mapping[str, JointTable]) -> JointTable | None:
-    """Return the joint whose law a joint uses (perhaps itself); None if `same_as` names none."""
+    """Return the joint whose law a joint uses (perhaps its own); None if `same_as` names none."""
     passed = set()
     while joint.same_as is not None:
         if joint.name in passed or joint.same_as not in by_name:
@@ -224,7 +224,7 @@ def groups_of(joints: Sequence[JointTable]) -> list[int]:
 
 
 def laws_of_joint(joint: JointTable, joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of a joint's laws; for a tied joint, those of the joint it names."""
+    """Return the names of a joint's laws; a tied joint has those of the joint that it names."""
     return (leader_of(joint, {other.name: other for other in joints}) or joint).laws
 
 

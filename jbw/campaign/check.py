@@ -54,7 +54,7 @@ from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, SPAN, exclude
 # largest plausible motion of a joint [m]; joints in benches and machines move by centimetres
 LARGEST_MOTION = 1.0
 FEWEST_SAMPLES = 32  # smallest number of samples from which a motion is judged
-# If a fit of one mode has a larger relative residual, its gain means nothing.
+# If a fit of one mode has a larger relative residual, the gain from this fit means nothing.
 OF_ONE_MODE = 0.3
 # settings that only some kinds of test use, with the property that these kinds have
 READ_BY: dict[str, Callable[[Kind], bool]] = {
@@ -132,7 +132,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
 def _checked_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool
 ) -> tuple[JointsCheck | None, Sequence[Fault], set[int]]:
-    """Return the check of several joints (None if it failed), its findings and exit codes."""
+    """Return the check of several joints (None if that failed), its findings and exit codes."""
     try:
         joints, faults = check_joints(spec, folder, allow_outside=allow_outside)
     except JbwError as error:
@@ -155,7 +155,7 @@ class _CheckedTest:
     # all repeats, as long as they fit into the memory
     small_records: list[Record] = field(default_factory=list)
     repeats: int = 0
-    held: int = 0  # number of samples of all stored repeats together
+    held: int = 0  # number of samples in all stored repeats together
     sources: list[ResponseOrigin] = field(default_factory=list)
     levels: list[Level] = field(default_factory=list)
     # name of each repeat, and the gain fitted to it
@@ -257,7 +257,7 @@ def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
-    """Combine the line that a finding proposes with the line that the test's table already has.
+    """Combine the line that a finding proposes with the line in the test's table.
 
     A proposed factor is multiplied with the stated one, so that pasting the line does not lose a
     calibration. Files that the test already excludes stay excluded.
@@ -368,7 +368,7 @@ def findings(
         return [*stated, *doubtful(record, test, first)]
 
     doubts = [] if worst(facts) == "error" else doubtful(record, test, first)
-    # What the file and the campaign state is certain, so that only cuts of a record are tried.
+    # Only cuts of a record are tried, because what file and campaign state is certain.
     certain = [fault for fault in facts if not SPAN.search(fault.remedy)]
     uncertain = [
         replace(fault, remedy=in_whole_periods(fault.remedy, record, test.periods))
@@ -378,7 +378,7 @@ def findings(
 
 
 def has_one_mode(spec: CampaignSpec) -> bool:
-    """Return whether the campaign says that there is one mode, so that checks of one mode apply."""
+    """Return whether the campaign states a single mode, so that checks of one mode apply."""
     several = spec.structure is not None and len(spec.structure.modes) > 1
     stated = spec.settings.modes
     neighbours = stated - 1 if isinstance(stated, int) else len(stated[1:])
@@ -386,7 +386,7 @@ def has_one_mode(spec: CampaignSpec) -> bool:
 
 
 def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:
-    """Return errors in a record's channels, and contradictions of record and campaign file."""
+    """Return errors in a record's channels, and contradictions between record and campaign file."""
     in_order = test.traits.is_curve and not test.traits.is_controlled
     masked = test.gaps == "mask"
     faults = list(inspect(record, masked=masked, is_curve=in_order, delay_s=test.delay))
@@ -445,7 +445,8 @@ def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
     if None in starts:
         return
     drive, response = (float(str(text).split()[0]) for text in starts)
-    # A channel that started later shows later events at the same sample, so it leads.
+    # A channel that started later shows later events at the same sample, so that it leads the other
+    # channel.
     delay = drive - response
     if abs(delay - test.delay) > 0.5 / record.fs:
         yield refusal(record.response, *messages.started_apart(abs(delay), delay, later=delay < 0))

@@ -20,7 +20,7 @@ ONE_LINE = 0.9
 NO_LINE = 0.35
 # largest ratio of amplitudes between sections of a steady tone, without the first quarter
 STEADY = 1.2
-FALLS = 0.5  # largest rms of a decay's last quarter, relative to its strongest quarter
+FALLS = 0.5  # largest rms of a decay's last quarter, relative to the strongest quarter
 # smallest shift of the strongest spectral line during a sweep, as a multiple of the line spacing
 MOVES = 3
 FEWEST = 4  # smallest number of points of a response curve in a table
@@ -31,7 +31,7 @@ SAME = 1e-6  # largest relative change of a frequency that counts as constant
 
 
 def course_of(x: Reals) -> Literal["tones", "noise", "sweep"] | None:
-    """Return whether a source is a steady tone, noise or a sweep; None if that is unclear."""
+    """Return whether a source is a steady tone, noise or a sweep; None if this is unclear."""
     x = x[np.isfinite(x)]
     size = len(x) // PARTS
     if size < LEAST or not np.ptp(x):

@@ -191,7 +191,7 @@ def _sentence(model: type[FileTable], key: str, error: ErrorDetails) -> str:
 
 
 def refuse(file: str, errors: Sequence[str]) -> None:
-    """Raise a ConfigError that lists all errors of a file, if there are any."""
+    """Raise a ConfigError that lists all errors of a file; do nothing without errors."""
     if errors:
         count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
         shown = errors[: 5 * LISTED]
@@ -214,7 +214,7 @@ def _plain(node: Any) -> Any:
     if isinstance(plain.get("title"), str):
         del plain["title"]
     default = plain.get("default", 0)
-    if default in (None, {}, []) or default != default:  # NaN means that nothing is stated.
+    if default in (None, {}, []) or default != default:  # NaN means that no value is stated.
         del plain["default"]
     # TOML has no null, so an optional key is simply absent.
     options = [option for option in plain.pop("anyOf", []) if option != {"type": "null"}]
@@ -328,7 +328,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
     other, first = same[-1]
     if first[2] == last[2]:
         return messages.key_again(number, last[1], other)
-    if first[2] and last[2]:  # The two lines name two quantities.
+    if first[2] and last[2]:  # Here the two lines name two quantities.
         return None
     role, item, table = (last[2], last[3], first[3]) if last[2] else (first[2], first[3], last[3])
     return _in_one_table(last[1], role, item, table, (other, number))

@@ -85,7 +85,7 @@ KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", 
 Assume = Callable[[str], None]
 NOBODY = Channel("...", "", "")
 Reach = tuple[float, float]  # lowest and highest frequency [Hz] of response curves
-FEW_COLUMNS = 16  # In a table with more columns, these are not a few channels.
+FEW_COLUMNS = 16  # If a table has more columns, they are not a few channels.
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class Looked:
     series: Leaves  # arrays of the file that may be channels
     fs: float | None  # sampling frequency of the whole file [Hz]; None if not stated
     recorder: str
-    doubts: tuple[str, ...] = ()  # what the file states and the reader cannot use
+    doubts: tuple[str, ...] = ()  # content of the file that the reader cannot use
 
 
 @dataclass(frozen=True)
@@ -513,7 +513,7 @@ def _levels(
     if not source or len(files) > MOST_LEVELLED:
         return []
     peaks: dict[Path, float] = {}
-    # standard deviation of the source in each file; a constant source has no level
+    # standard deviation of the source in each file; it is no level if the source is constant
     spread: dict[Path, float] = {}
     with suppress(JbwError, ValueError, IndexError):
         for path in files:
@@ -676,7 +676,7 @@ def _band(
 def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) -> Record:
     """Return the first record of a file, read as the drafted lines describe it."""
     stated = tomllib.loads("\n".join(lines[1:]))
-    # The band is the same for any sensitivity of a sensor.
+    # The sensitivity of a sensor is not needed here, because it does not change the band.
     sensors = [role for line in lines if line.startswith(SENSORS)
                for role in tomllib.loads(line.lstrip("# "))["sensitivity"]]  # fmt: skip
     selection = Wanted(
@@ -716,7 +716,7 @@ def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Chan
     """Draft a [[test]] table as a comment, which the user must complete."""
     leaves = looked.series or looked.leaves
     paths = {role: channel.path for role, channel in channels.items()}
-    # Only the file's name suggests the kind, because the drive channel is unknown.
+    # The kind is taken from the file's name alone, because the drive channel is unknown.
     kind, is_sure = _kind_of(files[0], {**channels, "force": NOBODY, "restoring_force": NOBODY}, {})
     if "frequency" in paths and "force" not in paths and any(map(_is_complex, leaves.values())):
         kind, is_sure = "frf", True
@@ -767,12 +767,12 @@ def _pattern(files: Sequence[Path]) -> str | list[str]:
         return files[0].name
     pattern = f"{_stem(files[0])[0]}*{files[0].suffix}"
     also = {p for p in files[0].parent.glob(pattern) if p.is_file()}
-    # A pattern is shorter than names, but it must match these files and no others.
+    # A pattern is shorter than names, but must match these files and no others.
     return pattern if also == set(files) else [path.name for path in files]
 
 
 def _listed(series_names: Collection[str]) -> str:
-    # Names in TOML quotes cannot end the comment, whatever they contain.
+    # The names are in TOML quotes, so that they cannot end the comment, whatever they contain.
     some = [toml(name) for name in list(series_names)[:LISTED]]
     more = len(series_names) - len(some)
     return (", ".join(some) or "nothing") + (f" and {more} more" if more else "")
@@ -850,7 +850,7 @@ def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
 
 
 def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
-    """Return whether force and displacement form a loop, instead of a drive and its response.
+    """Return whether force and displacement form a loop, and are not a drive and its response.
 
     A driving force is a quarter period apart from the displacement near a resonance, and opposite
     to it far above.

@@ -49,7 +49,7 @@ def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
     samples = [np.ascontiguousarray(record.channels[name]) for name in roles]
     digest = hashlib.sha256()
     is_dead = not any(part.size and np.ptp(part) for part in samples)
-    if is_dead:  # Constant channels are equal, but each of them is rejected anyway.
+    if is_dead:  # Constant channels are equal, but each of them is rejected for another reason.
         digest.update(f"{test.name}/{record.name}".encode())
     for part in samples:
         digest.update(part.data)

@@ -44,7 +44,8 @@ def repeats_of(
         files = [file.name for file, _ in parts]
         dropped = {x for x in test.exclude if isinstance(x, str) and fnmatch.filter(files, x)}
         unused -= dropped
-        if dropped:  # The file may have been excluded because it cannot be read.
+        # An excluded file is not read, because it may be excluded for being unreadable.
+        if dropped:
             number += 1
             continue
         read: Sequence[Record | JbwError]
@@ -75,7 +76,7 @@ def repeats_of(
 
 
 def _on_grid(record: Record, fs: float) -> Record:
-    """Give a record the sampling rate of another one, if the rates differ only by rounding.
+    """Give a record the sampling rate of another record if both rates differ only by rounding.
 
     Printed times with different origins have mean rates that differ in the last digit.
     """
@@ -131,7 +132,8 @@ def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = Fal
                 remedy="Download the file first and name it here.",
             )
         pattern = _with_data_folder(written)
-        # The pattern is checked before any access, so that nothing outside the folder is touched.
+        # The pattern is checked before any access, because nothing outside the folder may be
+        # touched.
         _stay_inside(folder / pattern, pattern, folder, allow_outside)
         for file in _matching(pattern, folder):
             _stay_inside(file, pattern, folder, allow_outside)

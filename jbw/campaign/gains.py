@@ -6,7 +6,7 @@ from typing import Any
 from jbw.measurement.records import BASE, Test, drive_of
 from jbw.quantities import FED
 
-Gain = float | Mapping[str, float] | None  # one value for all tests, or one for each drive
+Gain = float | Mapping[str, float] | None  # one value for all tests, or one value for each drive
 WEIGHTLESS = {*FED, BASE}  # sources whose gain does not follow from a modal mass
 
 

@@ -90,7 +90,7 @@ def _files_of(text: str) -> list[object]:
         tests = tomllib.loads(text).get("test", [])
         return sorted((test.get("files") for test in tests), key=str)
     except (tomllib.TOMLDecodeError, AttributeError, TypeError):
-        return []  # An invalid file differs from any draft, because a draft always has tests.
+        return []  # An invalid file differs from any draft, because every draft has tests.
 
 
 def _written(draft: Draft, path: Path, tell: Tell) -> Path:

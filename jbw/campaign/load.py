@@ -69,7 +69,7 @@ class Campaign:
     tests: tuple[Test, ...]  # tests in the order of the file
     gain: float | None = None  # force per modal mass for one volt [N/kg/V], if known
     modal_mass: float | None = None  # modal mass [kg], if known
-    # settings; a mapping of their keys is also accepted
+    # settings of the identification; a mapping of their keys is also accepted
     settings: Identify = field(default_factory=Identify)
     path: Path = Path()  # path of the campaign file
     laws: tuple[str, ...] = DEFAULT_LAWS  # laws that act in parallel across the joint
@@ -79,7 +79,8 @@ class Campaign:
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
     joints: SeveralJoints | None = None  # joints, if the structure has several; None for one joint
-    states_laws: bool = True  # if False, measured frequency and damping may suggest other laws
+    # whether laws are stated; if not, measured frequency and damping may suggest other laws
+    states_laws: bool = True
 
     def __repr__(self) -> str:
         lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]

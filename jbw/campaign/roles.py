@@ -54,7 +54,7 @@ class Channel(NamedTuple):
     path: str
     unit: str  # unit that the file or the channel's name states
     default: str  # SI unit of the quantity, used if no unit is stated
-    guessed: bool = False  # whether only the unit suggests the quantity
+    guessed: bool = False  # whether only the unit suggests the quantity, and not a name
     axes: tuple[str, ...] = ()  # the channels of all axes, if there are several
     sensitivity: str = ""  # example of a sensitivity, if the channel is a sensor's voltage
 
@@ -146,7 +146,7 @@ def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
 
 def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
     """Return the quantity that a name or label indicates, with its channel; None if unknown."""
-    if plain(text) in ("ms", "us", "ns"):  # The name of a column may consist of its unit only.
+    if plain(text) in ("ms", "us", "ns"):  # A column's name may consist of a unit only.
         return "time", Channel(path, plain(text), "s")
     by_name = [text] if text in ROLES else []
     by_name += [role for pattern, role in HINTS if re.search(pattern, text)]
@@ -191,7 +191,7 @@ def _by_unit(leaf: Leaf) -> str:
 
 
 def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
-    """Choose one of several channels for a quantity: the first, or one that is much stronger."""
+    """Choose one of several channels for a quantity: the first, or a much stronger one."""
     exact = [channel for channel in channels if last_name(channel.path) in ROLES]
     channels = exact or channels
     if len(channels) == 1:
@@ -216,7 +216,7 @@ def _axes_of(channels: Sequence[Channel]) -> list[Channel]:
 
 
 def _clock_of(channels: Sequence[Channel], series: Leaves) -> Channel:
-    """Return the time column of a record: one that increases, preferably elapsed time."""
+    """Return the time column of a record: an increasing column, preferably of elapsed time."""
 
     def merits(channel: Channel) -> tuple[bool, bool, bool]:
         time = load(series[channel.path])

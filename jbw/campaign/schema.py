@@ -110,7 +110,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
         errors += structure_errors(structure, tests, () if assembled is None else assembled.points)
         roles = {role for test in tests for role in test.channels}
         errors += [campaign_faults.no_role(role) for role in head.gain_std if role not in roles]
-    # Stated laws are complete, so that a prior on any other law's parameter is an error.
+    # A prior on a parameter of any other law is an error, because stated laws are complete.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
     num_modes = 1 if structure is None else len(structure.modes)

@@ -30,7 +30,7 @@ from jbw.quantities import (
 LIMIT = 0.05  # largest relative error of held-out tests with which a law counts as predictive
 MOST_MODES = 1 + len(MODES)  # largest number of modes that a structure may have
 MOST_POINTS = len(POINTS)  # largest number of response points in addition to the first
-SPRING = "cubic"  # This law is added if only a prior on its parameter is stated.
+SPRING = "cubic"  # law that is added if only a prior on its parameter is stated
 
 Prior = Mapping[str, tuple[float, float]]
 Sampler = Annotated[str, values.OneOf(lambda: ("auto", *SAMPLERS))]
@@ -375,7 +375,7 @@ def _out_of_bounds(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator
 
 
 def _too_stiff(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str]:
-    """Yield an error for each prior that allows a joint to be as stiff as the structure."""
+    """Yield an error for each prior that allows a joint to be as stiff as the whole structure."""
     least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
     shares = {
         name: highest

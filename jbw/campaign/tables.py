@@ -234,7 +234,7 @@ class TestSpec(FileTable):
 
     @property
     def is_timed(self) -> bool:
-        """Whether the samples need times; force loops need none, since laws ignore the rate."""
+        """Whether the samples need times; force loops do not, because laws ignore the rate."""
         return not self.traits.is_prescribed
 
     @property
@@ -301,7 +301,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
     if traits.is_stepped and not test.dwell > 0:
         yield "dwell: missing; kind `stepped` needs the duration of each step [s]."
-    if test.settle >= test.dwell:  # An unstated `dwell` is NaN, so that the comparison is False.
+    if test.settle >= test.dwell:  # An unstated `dwell` is NaN, so that this comparison is False.
         yield f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
 
 

@@ -84,7 +84,7 @@ def _cures(
     *,
     further: bool = True,
 ) -> bool:
-    """Return whether the first line of a remedy removes a finding without causing another one.
+    """Return whether the first line of a remedy removes a finding without causing another finding.
 
     With `further`, a new fault is accepted if its own line cures it.
     """

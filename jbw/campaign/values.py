@@ -35,7 +35,8 @@ Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 class OneOf:
     """A type for names in a register, which may grow after import."""
 
-    known: Callable[[], Iterable[str]]  # a function, because more names may be registered later
+    # a function that returns the names, because more names may be registered later
+    known: Callable[[], Iterable[str]]
     otherwise: str = ""  # an additional sentence for the error about an unknown name
 
     def check(self, value: Any) -> str:
@@ -231,7 +232,8 @@ def _path(role: str, item: Any) -> str:
 def _unit(role: str, item: Any) -> str:
     if not isinstance(item, str):
         raise ValueError(f"role `{role}` needs a unit, but has {item!r}.")
-    si_of(role, item)  # also for a measured FRF, whose response is per unit of excitation
+    # This also applies to a measured FRF, whose response is per unit of excitation.
+    si_of(role, item)
     return item
 
 
@@ -312,7 +314,7 @@ Modes = Annotated[
     BeforeValidator(modes, json_schema_input_type=Count | list[Positive]),
 ]
 Bounds = Annotated[tuple[float, float], BeforeValidator(bounds)]
-# A density must not be converted to bounds, so no other validator follows.
+# No other validator follows, because it would convert a density to bounds.
 Prior = Annotated[
     tuple[float, float],
     PlainValidator(

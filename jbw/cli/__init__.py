@@ -129,10 +129,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except JbwError as error:
         _tell(error, sys.argv[1:] if arguments is None else arguments)
         return error.exit_code
-    except BrokenPipeError:  # The program that reads stdout has stopped reading, as `head` does.
+    except BrokenPipeError:  # The program that reads stdout has ended its reading, as `head` does.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
-    except OSError as error:  # a disk or folder failed, wherever a file was written
+    except OSError as error:  # A disk or folder failed while some file was written.
         if error.errno not in UNWRITABLE or os.environ.get("JBW_TRACEBACK"):
             return _internal(error)
         place = f"{error.filename}" if error.filename else "A file"
@@ -163,7 +163,7 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
     """Print an error on stderr, and as JSON on stdout if `--json` was given."""
     following = next_command(arguments, str(error))
     if following and isinstance(error, RunError):
-        # The disk is at fault, not the input: the same command works once there is space.
+        # The disk is at fault and not the input, so the same command works once there is space.
         following = f"jbw {shlex.join(arguments)}, after the change"
     click.echo(f"Error: {error}", err=True)
     if following:

@@ -14,7 +14,7 @@ from jbw.report.messages import commands, tables
 from jbw.report.messages.stages import drawing_records
 from jbw.report.table import Cell, Column, Table, table
 
-if TYPE_CHECKING:  # SciPy takes a second to load, which the help of a command avoids
+if TYPE_CHECKING:  # These modules load SciPy, which takes a second.
     from jbw.campaign.check import Check, Row
     from jbw.campaign.draft import Draft
     from jbw.campaign.joints import JointsCheck
@@ -182,7 +182,7 @@ def _lines(checked: "Check") -> Iterator[Table | str]:
 
 
 def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
-    """Yield the table of modes with joints' energy shares, the table of matrix B, and notes."""
+    """Yield the table of modes with joints' energy shares, the table of the matrix B, and notes."""
     separability = joints.separability
     rows = list(enumerate(joints.frequencies_hz))
     columns = [

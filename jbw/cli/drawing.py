@@ -41,7 +41,7 @@ class DrawingProcess:
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
-            with suppress(OSError):  # Unsent data is not needed any more.
+            with suppress(OSError):  # Requests that were not sent are not needed any more.
                 if pipe is not None:
                     pipe.close()
 
@@ -66,5 +66,5 @@ class DrawingProcess:
             return {}
         try:
             return json.loads(self._process.stdout.readline())
-        except ValueError:  # The process failed: its answer is empty or incomplete.
+        except ValueError:  # The process failed, so the answer is empty or incomplete.
             return {}

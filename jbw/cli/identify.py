@@ -306,7 +306,7 @@ def run_to_end(
         raise
     finally:
         run.close()
-    # A brief that an earlier first answer left is updated.
+    # Update a brief that belongs to an earlier first answer.
     brief = brief or (run.folder / "brief.pdf").exists()
     pages = f"\nBrief: {save_brief(run.folder)}" if brief else ""
     shown = _all_of(summary) if verbose else short_lines(summary, tree)
@@ -324,7 +324,7 @@ def run_to_end(
 
 
 def ended(verdict: "StoredVerdict", folder: Path, *, strict: bool = False) -> int:
-    """Print the command to type next, which depends on the verdict; return exit code 0 or 4."""
+    """Print the command to type next, as the verdict suggests; return exit code 0 or 4."""
     quoted = shlex.quote(str(folder))
     code = exit_code_of(verdict.status, strict=strict)
     if code == 0:

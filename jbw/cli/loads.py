@@ -42,7 +42,7 @@ class Quantities(click.ParamType):
 
 
 def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
-    """Convert a value to a unit; a value without a unit is taken to be in this unit already."""
+    """Convert a value to a unit; a value without a unit counts as being in that unit already."""
     from jbw.units import measured, plain
 
     value, stated = quantity

@@ -63,7 +63,8 @@ def look(
         checked = check_campaign(campaign, allow_outside=allow_outside)
         loaded, doubts = load_with_doubts(campaign, allow_outside=allow_outside)
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # records that cannot be evaluated are listed as unread
+            # Records that cannot be evaluated are listed separately.
+            warnings.simplefilter("ignore")
             readings = look_at(loaded, report=say)
         if figure is not None:
             import xarray
@@ -84,7 +85,7 @@ def look(
     outputs = (("Figure", figure), ("Choose the band", html))
     saved = "\n".join(f"{what}: {path}" for what, path in outputs if path is not None)
     record = {**found.plain(), "doubts": [str(doubt.message) for doubt in doubts]}
-    # Faults of the records change the numbers below and are therefore printed first.
+    # Faults of the records are printed first, because they change the numbers below.
     doubted = finding_lines(checked.rows)
     answer(json_, record, *doubted, *tables, *found.statements, *found.seen, saved=saved)
     # If no record could be evaluated, a fit would show no more than a check of the channels.

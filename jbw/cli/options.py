@@ -65,7 +65,8 @@ def campaigns_given(given: Sequence[Path], mass: float | None = None) -> list[Pa
     """
     from jbw.campaign.written import CAMPAIGN, is_campaign, require_file
 
-    if mass is None and all(map(is_campaign, given)):  # Nothing in the records has to be read.
+    # Nothing in the records has to be read, because campaign files are given.
+    if mass is None and all(map(is_campaign, given)):
         for path in given[:1]:
             require_file(path, *CAMPAIGN)
         return list(given)

@@ -90,7 +90,7 @@ def plan(
             numbers = partial(write_json, value=plain_values(asdict(planned)))
             save_outputs(job.folder, {"plan.json": numbers}, {})
     before = planning.before({name: _spread(cv) for name, cv in planned.before.items()})
-    # Objections to single tests, by the tests' numbers in the table.
+    # objections to single tests, by the number of each test in the table
     remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(planned.rows) if r.notes]
     recommended = _recommended(planned.combination, planned)
     answer(

@@ -185,7 +185,7 @@ def basis_inputs(folder: Path) -> dict[str, str]:
 
 
 def basis_in(folder: Path) -> "Basis":
-    """Return what predictions from a folder rest on: a run, compared laws, or a population."""
+    """Return the basis of a folder's predictions: a run, compared laws, or a population."""
     from jbw.law_comparison.stack import basis_of_laws, holds_laws
     from jbw.population.folder import basis_of_population, holds_population
     from jbw.study.study import basis_of_run

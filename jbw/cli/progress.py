@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 RESULT_ONLY = ("out", "json_")  # options that have no effect on the results
 LOOK_S = 1.0  # shortest time between two updates of the chains on a terminal [s]
 PLAIN_S = 10.0  # time between two lines on the chains if stderr is no terminal [s]
-# The current stage is printed [s] if nothing was printed for this time plus one BEAT_S.
+# The current stage is printed if nothing was printed for this time [s] plus one BEAT_S.
 SILENT_S = 4.0
 BEAT_S = 0.5  # time between two checks whether something was printed [s]
 STARTING = "Loading numerical libraries"
@@ -55,9 +55,9 @@ class Teller:
         self._console = console
         self._rewrites = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
-        # the table of chains among the lines that are overwritten
+        # the table of chains, among those lines that are overwritten
         self._chains: Table | None = None
-        self._lock = threading.RLock()  # needed because `beat` runs in a separate thread
+        self._lock = threading.RLock()  # a lock, because `beat` runs in a separate thread
         self._started = perf_counter()
         self._told = self._started
         self._said: set[str] = set()
@@ -254,7 +254,8 @@ def chain_sentence(name: str, so_far: Any) -> str:
     """Return one line on all chains: steps, effective draws, divergences, remaining time."""
     sizes = effective(so_far.draws)
     if so_far.in_rounds and sizes is not None:
-        # Groups of points are independent of each other, so their effective draws add up.
+        # Effective draws of groups of points add up, because the groups are independent of each
+        # other.
         worth = stages.effective(sum(sizes), ESS)
         return f"{called(name)}: round {so_far.done} of {so_far.total} at most, {worth}"
     parts = [f"{called(name)}: {so_far.done} of {so_far.total} steps"]

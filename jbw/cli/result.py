@@ -148,7 +148,7 @@ def export(
         from jbw.report.result import read_result
         from jbw.study.store import claim
 
-        programs_named(names)  # This reports a misspelt name before anything is computed.
+        programs_named(names)  # This call reports a misspelt name before anything is computed.
         say(f"Reading {folder}")
         summary, tree = read_result(folder)
         say(stages.COMPUTING_JOINT)

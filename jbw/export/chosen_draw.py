@@ -15,7 +15,7 @@ from jbw.verification.bands import band, within
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-# The backbone is checked for this many of the most probable draws.
+# number of the most probable draws whose backbone is checked
 NUM_TRIED = 64
 ROUNDING = 1e-12  # relative tolerance for bands of zero width
 
@@ -23,7 +23,7 @@ Bands = Mapping[str, NDArray[np.float64]]
 
 
 class ProductDraws(NamedTuple):
-    """A product of parameters that tests with weak motion determine, with its values at all draws.
+    """A product of parameters that weak motion determines, with its values at all draws.
 
     Attributes:
         name: Name of the product, such as `alpha_delta`.

@@ -156,7 +156,7 @@ def write_joints(
 
 
 def _as_fields(by_name: Mapping[str, Any]) -> dict[str, Any]:
-    """Replace "@" in names for MATLAB, so that `alpha@bolt_1` becomes `alpha_at_bolt_1`."""
+    """Replace "@" in names, which MATLAB rejects: `alpha@bolt_1` becomes `alpha_at_bolt_1`."""
     return {name.replace(AT, "_at_"): value for name, value in by_name.items()}
 
 

@@ -19,7 +19,8 @@ from jbw.verification.predictive_basis import Draws, Laws
 PARTS = (0.25, 0.5, 1.0)  # amplitudes of the loops, relative to the largest displacement
 NUM_PHASES = 100  # number of points on half a loop
 REACH = 2.0  # range of the sliders that represent a law, relative to the largest displacement
-# number of points of a skeleton curve besides its origin: Ansys accepts twenty in all
+# number of points of a skeleton curve in addition to its origin, because Ansys accepts twenty in
+# all
 NUM_POINTS = 19
 
 Table = dict[str, NDArray[np.float64]]
@@ -73,7 +74,7 @@ def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
     half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
     down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
     even = carry(_even_force, one, jnp.asarray(half), laws)[0]
-    # The loading curve is the unloading curve rotated about the origin, except for even forces; its
+    # The loading curve is the unloading curve rotated about the origin, unless a force is even. Its
     # end closes the loop.
     y = np.concatenate([half, -half, half[:, :1]], axis=1)
     force = np.concatenate([down, 2.0 * even - down, down[:, :1]], axis=1)

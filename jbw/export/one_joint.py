@@ -64,7 +64,7 @@ class Export:
     joint: dict[str, float]  # parameters of the exported draw
     # rows with convention, parameter, unit, value, sd and quantiles
     parameters: list[dict[str, Any]]
-    # columns: amplitude; frequency, damping and force of this draw, with bands of all draws
+    # columns: amplitude; frequency, damping and force of this draw, each with the band of all draws
     backbone: Table
     loop: Table  # columns: largest displacement, displacement and static force of this draw
     draws: Draws
@@ -77,8 +77,8 @@ class Export:
     products: dict[str, float]  # products of this draw, which weak motion determines
     mass: float  # modal mass [kg]
     y_max: float  # largest displacement [m]
-    # Parameters of the whole joint, in the order of the file; if empty, those of a one-mode
-    # oscillator's joint.
+    # parameters of the whole joint, in the order of the file; if empty, the joint is that of a
+    # one-mode oscillator
     quantities: tuple[Quantity, ...] = ()
     force_unit: str = "N"
     motion_unit: str = "m"  # unit of the displacement across the joint
@@ -247,7 +247,7 @@ def _require_positive(**arguments: float) -> None:
 
 # -- what it is ------------------------------------------------------------------------------------
 def verdict_of(summary: RunSummary) -> Iterable[str]:
-    """Yield one line: the run's verdict with its main reason."""
+    """Yield one line: the run's verdict, with the main reason for it."""
     status = summary.verdict.status or "not assessed"
     findings = [row for row in summary.verdict.findings if row.status == status]
     if status == "ok":
@@ -255,7 +255,7 @@ def verdict_of(summary: RunSummary) -> Iterable[str]:
     else:
         why = findings[0].reason if findings else messages.NO_VERDICT
     words = messages.verdict_of(summary.campaign, status, why)
-    # A line break in a campaign's text must not end this comment line.
+    # A line break in a campaign's text is removed, because it would end this comment line.
     yield printable(" ".join(words.replace(" :", ":").split()))
 
 

@@ -43,7 +43,7 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, Draws, Laws, basis_of, count_of
 
 SI = "SI"
-UNIT_MASS = 1.0  # The forces of several joints are in newtons, not divided by a modal mass.
+UNIT_MASS = 1.0  # The forces of several joints are in newtons, and are not divided by a modal mass.
 FACTOR = LINEAR[0]._replace(unit="1", meaning=messages.LAW_FACTOR)
 # The backbone has no column of force, because a force belongs to one point of the structure.
 BACKBONE_NAMES = NAMES[:2]

@@ -28,7 +28,7 @@ COARSE, FINE = 16, 96
 POINTS = 160  # number of points on each side of a curve's peak
 # number of iterations for the frequency; each reduces the error by a factor of about zeta^2
 ROUNDS = 4
-# largest number of iterations with exact loops, which correct a result from the table
+# largest number of iterations with exact loops, which correct a result that comes from the table
 MOST_ROUNDS = 12
 # limits at which iterations stop: relative change of level or frequency, and slope at a fold
 CLOSE, FLAT = 1e-11, 1e-6
@@ -180,7 +180,8 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
         ModelError: A curve has no peak: the damping is too heavy, or the joint loses its stiffness.
     """
     level = np.broadcast_to(level, (len(motion.omega_n), np.shape(level)[-1]))
-    # No curve has its peak below this amplitude, unless the damping exceeds half of critical.
+    # No curve has its peak below this amplitude, unless its damping exceeds half of the critical
+    # damping.
     low = 0.5 * np.min(level, axis=1, keepdims=True) / motion.omega_n**2
     highest = np.max(level, axis=1, keepdims=True)
     span = 64.0
@@ -205,7 +206,7 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
 def _corrected(
     motion: EquivalentMotion, level: Values, y: Values, omega: Values
 ) -> tuple[Values, Values]:
-    """Return amplitude and frequency of the peaks, corrected from close guesses by exact loops."""
+    """Return amplitude and frequency of the peaks, by exact loops from close first guesses."""
     for _ in range(MOST_ROUNDS):
         loops = motion.loops(y, omega)
         before, omega = omega, least_omega(loops)
@@ -223,7 +224,7 @@ def _needed(table: LoopTable) -> Values:
 
 
 def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-    """Return the first table node beyond the peak at a force level, and whether a peak exists."""
+    """Return the first table node whose peak needs a given force or more, and whether it exists."""
     below = needed[:, None] < level[..., None]
     first = np.argmax(~below, axis=-1)
     found = below[..., 0] & ~below[..., -1] & np.isfinite(_at(needed, first))
@@ -277,7 +278,7 @@ def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
     rise = along(peak, place).rise
     folds = [_fold(motion, peak, place, rise, last=last) for last in (False, True)]
     first, last = folds
-    is_up = first.y < last.y  # The jump to the larger amplitude starts at the smaller one.
+    is_up = first.y < last.y  # The jump up to the larger amplitude starts at the smaller amplitude.
     up = [np.where(is_up, *pair) for pair in ((first.omega, last.omega), (first.y, last.y))]
     down = [np.where(is_up, *pair) for pair in ((last.omega, first.omega), (last.y, first.y))]
     half = np.broadcast_to(HALF * np.array([-1.0, 1.0]), (*peak.y.shape, 2))

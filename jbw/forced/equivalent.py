@@ -29,7 +29,7 @@ from jbw.oscillator.steady.waveform import crest, orders, synthesis
 Values = NDArray[np.float64]
 LANES = 128  # number of points in a compiled call, whatever the number of draws
 STEP = 1e-4  # relative step of amplitude or frequency in finite differences
-# change of a harmonic, relative to Y, at which its iteration ends, and largest number of iterations
+# change of a harmonic, relative to Y, at which its iteration ends; and largest number of iterations
 CONDENSED, MOST_STEPS = 1e-13, 60
 
 

@@ -48,7 +48,7 @@ class RandomProfile:
         log_f, log_g = np.log(self.freq_hz), np.log(self.density)
         power = np.diff(log_g) / np.diff(log_f) + 1.0
         rise = power * np.diff(log_f)
-        # The integral of f^(power - 1) between two breakpoints becomes a logarithm at power 0.
+        # At the power 0, the integral of f^(power - 1) between two breakpoints is a logarithm.
         part = np.where(
             np.abs(rise) < 1e-8, 1.0 + 0.5 * rise, np.expm1(rise) / np.where(rise, rise, 1.0)
         )
@@ -65,7 +65,7 @@ class RandomProfile:
         )
 
     def in_unit(self, source: str) -> "RandomProfile":
-        """Return the profile converted to a source in another unit, such as `m/s^2` or `N`.
+        """Return the profile converted to another unit of the source, such as `m/s^2` or `N`.
 
         Raises:
             ConfigError: The unit belongs to another quantity.

@@ -25,12 +25,13 @@ from jbw.forced.equivalent import EquivalentMotion, Values, wide
 
 # numbers of amplitudes in the result, and in the search for the largest amplitude
 NODES, COARSE = 48, 24
-# exponent of the probability density at the largest amplitude, without its minus sign
+# Exponent of the probability density at the largest amplitude, with its sign reversed.
 FARTHEST = 30.0
-# smallest spectral density, relative to that at the mode; it prevents a division by zero
+# smallest spectral density, relative to that at the mode, because zero would cause a division by
+# zero
 LEAST = 1e-3
-# Half width of the range about the mode, in half-power half widths, and largest ratio of densities
-# in it.
+# half width of the frequency range around the mode, in half-power half widths, and largest ratio of
+# densities in this range
 WIDTHS, UNEVEN = 4.0, 4.0
 HEAVY = 0.05  # damping ratio above which the energy changes too fast to be averaged
 
@@ -159,7 +160,8 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
     at_rest = force_density(motion.omega_n / (2.0 * np.pi))
     _require_power(at_rest, motion.omega_n)
     viscous = np.maximum(motion.viscous, 1e-4 * motion.omega_n)
-    scale = np.sqrt(at_rest / (4.0 * viscous)) / motion.omega_n  # rms of the fully stuck joint
+    # rms displacement of the structure with a fully stuck joint
+    scale = np.sqrt(at_rest / (4.0 * viscous)) / motion.omega_n
     coarse = scale * np.geomspace(1e-3, 100.0, COARSE)
     cycle, loss = _losses(single, coarse)
     steps = np.diff(cycle.energy, prepend=0.0)

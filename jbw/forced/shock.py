@@ -22,7 +22,7 @@ RAMP = 0.1  # duration of a trapezoid's rise, and of its fall, divided by that o
 
 SHAPES: dict[str, Callable[[Values], Values]] = {
     "half-sine": lambda x: np.sin(np.pi * x),
-    "sawtooth": lambda x: x,  # its peak is at the end
+    "sawtooth": lambda x: x,  # The peak of this pulse is at its end.
     "trapezoid": lambda x: np.minimum(np.minimum(x, 1.0 - x) / RAMP, 1.0),
 }
 

@@ -28,17 +28,19 @@ from jbw.freeform.tempering import PARTICLES, Tempered, temper
 from jbw.measurement.readings.statement import RecordTable
 
 QUANTILES = 0.005, 0.5, 0.995
-CALLED = 5.0  # evidence [nats] with which Masing's rule counts as decided
+CALLED = 5.0  # difference of evidence [nats] with which Masing's rule counts as valid or broken
 INSIDE = 6.63  # rise of the weighted sum of squares that bounds the 99 % interval of one quantity
 # sets of springs that act in parallel to the sliders
 SPRINGS = (), ("cubic",), ("cubic", "quintic")
 SPRINGS_OF_NAMED = (), ("cubic",)
 WITHOUT_FORM = "free", "loose"
 NAMED = "linear", "power", "iwan4"
-NAMES = {"power": "masing_power"}  # laws that have another name here than in the table of priors
-# weight of the constraint that fixes the loss while its bound is searched, relative to the data
+NAMES = {"power": "masing_power"}  # laws with another name here than in the table of priors
+# weight, relative to the data, of the constraint that fixes the loss while the bound of this loss
+# is searched
 PENALTY = 1e5
-# growth of the steps that bracket a bound, number of halvings, and first relative step
+# growth of the steps that bracket a bound, number of halvings of the bracket, and first relative
+# step
 WIDER, HALVINGS, FIRST_TRY = 1.7, 30, 0.05
 MOST_TRIES = 60
 
@@ -46,7 +48,7 @@ Bands = Float[np.ndarray, "quantile amplitude"]
 
 
 class FreeLawKey(NamedTuple):
-    """The key of a law without an assumed form: a prior of the sliders' strengths, and springs."""
+    """The key of a free-form law: the prior of its sliders' strengths, and its springs."""
 
     prior: str
     terms: tuple[str, ...]
@@ -59,7 +61,7 @@ class FreeLawKey(NamedTuple):
 
 @dataclass(frozen=True)
 class FreeLaw:
-    """The law of a joint without an assumed form, found from frequency and damping alone.
+    """The law of a joint without a prescribed formula, from frequency and damping alone.
 
     Attributes:
         rows: The readings.
@@ -114,7 +116,7 @@ def free_law(
     seed: int = 0,
     num_particles: int = PARTICLES,
 ) -> FreeLaw:
-    """Find the law of a joint without an assumed form from frequency and damping.
+    """Find a joint's law without a prescribed formula, from frequency and damping.
 
     Args:
         tables: Readings, one table per record.

@@ -39,7 +39,7 @@ FEWEST = 8  # smallest number of samples of a loop
 
 @dataclass(frozen=True)
 class GapSliders:
-    """Sliders behind gaps, parallel to an elastic spring.
+    """Sliders behind gaps, in parallel with an elastic spring.
 
     Attributes:
         half_widths: Half width of every slider [m].
@@ -65,7 +65,7 @@ class GapSliders:
         return self.offset + self.stiffness * motion + columns @ self.strengths[used]
 
     def errors(self, loop: ForcedLoop) -> tuple[float, float]:
-        """Return a loop's relative rms force error, first without and then with a fitted constant.
+        """Return a loop's relative rms force error, without and with a fitted constant force.
 
         The offset is a constant force of the loop, as from the zero error of an amplifier.
         """

@@ -82,7 +82,7 @@ def power_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def iwan_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of strengths that follow a power up to a limit, where extra sliders lie."""
+    """Return the prior of strengths that follow a power up to a limit, with extra sliders there."""
     x_largest = float(grid.log_d[-1] + grid.width / 2 - np.log(ABOVE))
 
     def strengths(theta: Particles) -> SliderStrengths:

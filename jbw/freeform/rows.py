@@ -28,7 +28,8 @@ FEWEST = 4  # smallest number of amplitudes: frequency and damping need two coef
 FLOOR_HZ, FLOOR_ZETA = 1e-6, 3e-3
 # Trial values of the relative standard deviation of frequency between records.
 SCATTERS = np.concatenate([[0.0], np.geomspace(1e-7, 1e-2, 61)])
-ROUNDS = 4  # number of rounds, each of which estimates first the law and then this variation
+# number of rounds, each of which estimates the law first, and then the variation between records
+ROUNDS = 4
 
 Square = Float[np.ndarray, "row row"]
 
@@ -143,7 +144,7 @@ def _rows(tables: Sequence[RecordTable]) -> ReadingRows:
 
 
 def _left_by_any_law(rows: ReadingRows) -> tuple[Reals, float]:
-    """Return the residual of the best-fitting sliders, and its degrees of freedom.
+    """Return the residual that even the best-fitting sliders leave, with degrees of freedom.
 
     Frequency and damping are fitted separately, each with its own strengths and a cubic spring, so
     that no law of the amplitude alone fits much better.

@@ -29,7 +29,7 @@ from jbw.run.netcdf import write_tree
 from jbw.study.store import Write, save_outputs, write_figure, write_json
 
 logger = logging.getLogger("jbw")
-OWN = "own"  # name of the step if the user gives the posterior
+OWN = "own"  # name of the step if the posterior is the user's own
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
 NOISES = ("unknown", "known")
 # For each step: short tests on the virtual rig, tests of a campaign, and the step's posterior.
@@ -224,8 +224,8 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
 
 def suited(step: models.CalibratedStep, name: str) -> tuple[Model, Sampler, Any]:
     """Return model, sampler and options, with numbers of draws that suit a calibration."""
-    # If the model steps through time or the sampler needs it, a least-squares fit finds the
-    # posterior first. All other samplers start from the whole prior, as in a campaign.
+    # A least-squares fit finds the posterior first if the model steps through time or the sampler
+    # needs such a fit. All other samplers start from the whole prior, as in a campaign.
     sampler, model = sampler_named(name), step.model
     size = len(model.box.names)
     if sampler.needs_fit and model.search is None:
@@ -251,7 +251,7 @@ def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
     failed = calibration.failed.astype("int8")
     variables: dict[str, Any] = {"failed": ("replication", failed, {"units": "1"})}
     for i, name in enumerate(calibration.names):
-        # The kernel value `h3_18Hz` is listed as `h3` in the table of units.
+        # The kernel value `h3_18Hz` has the name `h3` in the table of units.
         stem = "h3" if name.startswith("h3_") else name
         unit = attrs_by_name.get(stem, {"units": "1"})["units"]
         below = {"long_name": messages.rank_below(name), "units": "1", "quantity_units": unit}

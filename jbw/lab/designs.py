@@ -43,7 +43,8 @@ LEVELS = (0.05, 0.20)  # levels of the source [V]
 # sampling frequency [Hz], length of the sweep [s], number of samples
 FS, BURST, LENGTH = 256.0, 1.75, 512
 SWEPT_HZ = (10.0, 28.0)
-FADE = 0.25  # length of the fades at both ends [s]; an abrupt start would not be band-limited
+# length of the fades at both ends [s], because a sweep with an abrupt start is not band-limited
+FADE = 0.25
 LINES_HZ = (16.0, 21.6, 0.05)  # first and last spectral line, and their spacing [Hz]
 LINE_NOISE = 0.01  # noise of a complex spectral line, relative to the largest line
 

@@ -55,7 +55,7 @@ class CalibratedStep(NamedTuple):
 
     model: Model  # posterior, simulator, quantities, and the least-squares search for the posterior
     batch: int  # number of replications that run in parallel
-    sampler: str  # fastest sampler that finds the whole posterior from anywhere in the prior
+    sampler: str  # fastest sampler that finds the whole posterior from any start in the prior
     stepped: bool = False  # whether an evaluation steps through time, which is expensive
 
 
@@ -160,7 +160,8 @@ def _line_replication(
     rng = generator(key)
     point = from_unit(rng.uniform(size=3), prior)
     theta = np.array([float(point[name]) for name in NAMES])
-    # The formula is repeated here: a call of the likelihood would hide an error in it.
+    # The formula is repeated here, because a call of the likelihood would hide an error of the
+    # likelihood.
     omega_n, zeta, gain = theta
     stiffness = omega_n**2 - design.omega**2 + 2j * zeta * omega_n * design.omega
     # Real and imaginary part each have half of the variance.
@@ -215,7 +216,8 @@ def motion(
     # pyright: ignore[reportArgumentType]
     specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))  # pyright: ignore[reportArgumentType]
     h, size = 1 / (fs * STEPS), force.shape[-1]
-    # Zeros appended to the spectrum interpolate the input at the ends and middles of the steps.
+    # Zeros are appended to the spectrum, which interpolates the input at the ends and middles of
+    # the steps.
     fine = jnp.fft.irfft(jnp.fft.rfft(force), 2 * STEPS * size) * 2 * STEPS
     ends = jnp.concatenate([fine, fine[:1]])
     at = jnp.stack([ends[:-1:2], ends[1::2], ends[2::2]], axis=-1).reshape(size, STEPS, 3)

@@ -157,7 +157,7 @@ def suited(posterior: Posterior) -> tuple[str, ...]:
         for sampler in SAMPLERS.values()
         if sampler.suits(size) and (sampler.suits_costly or not posterior.stepped)
     ]
-    # The exact sampler comes first, because the others are compared with it.
+    # The exact sampler comes first, because the other samplers are compared with it.
     return tuple(
         sampler.name
         for sampler in sorted(suitable, key=lambda sampler: sampler.most_parameters is None)
@@ -178,8 +178,8 @@ def _drawn(
     coordinates = None
     if posterior.stepped:  # All chains start at the fit, as in an identification.
         coordinates = in_box(posterior.box, best.theta, best.covariance, num_chains)
-    # These chains start along the ridge of the fit; chains of other samplers start from the whole
-    # prior.
+    # These chains start along the ridge of the fit, but chains of other samplers start from the
+    # whole prior.
     elif not entry.from_prior:
         coordinates = along_ridge(best.theta, best.covariance, posterior.box)
     parallel = "parallel" if jax.device_count() > 1 and num_chains % 2 == 0 else "sequential"
@@ -189,7 +189,7 @@ def _drawn(
     )  # fmt: skip
     target = Target(posterior.log_likelihood, posterior.box, posterior.data)
     supervision = Supervision(progress=lambda so_far: watch(sampler, so_far))
-    # An exact sampler would return the same result in a second call.
+    # No second call is needed, because an exact sampler would return the same result.
     exact = entry.most_parameters is not None
     calls, seconds = jax.random.split(key)[: 2 if twice and not exact else 1], []
     for key in calls:
@@ -262,7 +262,7 @@ def save_comparison(folder: Path, found: Comparison) -> None:
 
 
 def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """Return a parameter's mean, sd, q010, q500, q990, mcse_ of each, ess_bulk, ess_tail, r_hat.
+    """Return a parameter's mean, sd, quantiles 1, 50, 99 %, their errors (mcse_), ESS and R-hat.
 
     Values that cannot be computed are None. Vehtari et al. (2021), Bayesian Analysis 16, 667.
     """

@@ -21,8 +21,8 @@ from jbw.results.laws import StoredLaw, StoredLaws, StoredSharedRuns
 # smallest number of runs for which the standard error of a difference of scores is reliable
 FEWEST_RUNS = 5
 APART = 2.0  # Laws are distinguished if their scores differ by this number of standard errors.
-# The possible error of a score with poor importance weights, as a multiple of its difference to the
-# score from fits.
+# possible error of a score with poor importance weights, as a multiple of the difference between
+# this score and the score from fits
 OFF = 3.0
 # Difference of log evidence [nats] that distinguishes two laws if there are too few runs for
 # scores.
@@ -80,7 +80,7 @@ def _best(rows: Rows, scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str
 
 
 def _may_be_off(row: StoredLaw) -> float:
-    """Return the possible error [nats] of a score that comes from poor importance weights."""
+    """Return by how much a score may be wrong [nats] because of poor importance weights."""
     return OFF * (row.elpd_doubt or 0.0) if _is_rough(row, by_runs=True) else 0.0
 
 
@@ -104,7 +104,7 @@ def _answer(row: StoredLaw, best: StoredLaw, *, by_runs: bool) -> str:
 
 
 def _behind_by_runs(row: StoredLaw, best: StoredLaw) -> bool:
-    """Return whether a law's score is lower by more than the errors of both scores allow."""
+    """Return whether a law's score is lower by more than both scores' errors allow."""
     off = _may_be_off(row) + _may_be_off(best)
     behind = -(row.elpd_difference or 0.0)
     return behind - off > APART * (row.elpd_difference_se or 0.0)
@@ -144,8 +144,8 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
     if len(scores) == 1:
         return dict.fromkeys(scores, 1.0)
-    # Scores are taken relative to the best law of each run; the weights stay the same, and the
-    # exponential cannot overflow.
+    # Scores are taken relative to the best law of each run, because the exponential then cannot
+    # overflow and the weights stay the same.
     best = np.max(list(scores.values()), axis=0)
     scores = {name: of_runs - best for name, of_runs in scores.items()}
     elpd = {

@@ -407,7 +407,7 @@ def weigh(
     report: Report,
     parts: Parts = unkept,
 ) -> tuple[dict[str, Weighed], dict[str, str]]:
-    """Sample and score each law; also return the laws that failed, with the reasons.
+    """Sample and score each law; return failed laws, too, with the reasons.
 
     Laws that do not fit at all are scored by their fits alone.
     """
@@ -454,7 +454,7 @@ def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
 
 
 def row_of(weighed: Weighed) -> StoredLaw:
-    """Return the numbers of one law that are stored."""
+    """Return those numbers of a law that are stored."""
     candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
     names, posterior = candidate.fitted.box.names, tree["posterior"].to_dataset()
     every = every_parameter(posterior, candidate.fitted.data)

@@ -293,7 +293,7 @@ def smoothed_force(
     *,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Return the polynomial restoring force that replaces Z on both branches.
+    r"""Return the polynomial restoring force that replaces the hysteretic force Z on both branches.
 
     $$F(y, v) = \lambda_1 y + \lambda_3 y^3 + s(v)\,(\lambda_0 - \lambda_2 y^2), \qquad
       s(v) = \mathrm{sgn}(v) \;\text{ or }\; \tanh(v/w)$$
@@ -366,8 +366,8 @@ def smoothing_error(
 
 
 def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Fit the smoothed force by least squares, as a projection on Legendre polynomials P_0..P_3."""
-    # The lag has a kink at the threshold, so the integral is split there.
+    """Return coefficients of the smoothed force from Legendre polynomials P_0..P_3 of the lag."""
+    # The integral is split at the threshold, because the lag has a kink there.
     s, weights = gauss_legendre_between(_NUM_NODES, -1.0, eta, 1.0)
     lost = weights * unloading_lag(s, *(x[..., None] for x in (eta, d, g)))
     basis = (1.0, s, 1.5 * s**2 - 0.5, 2.5 * s**3 - 1.5 * s)

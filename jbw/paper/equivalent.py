@@ -26,7 +26,7 @@ def square_wave(
     variant: Variant = "corrected",
     num_terms: int = 2,
 ) -> Float[Array, "..."]:
-    r"""Return the Fourier series of the switched force u_0 = lambda_0 sgn(v) for y = Y cos(theta).
+    r"""Return the Fourier series of the force u_0 = lambda_0 sgn(v), for y = Y cos(theta).
 
     $$u_0 = -\frac{4\lambda_0}{\pi} \sum_{m = 1, 3, \dots} \frac{\sin m\theta}{m}$$
 
@@ -101,7 +101,7 @@ def equivalent_force(
     *,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Return the smoothed hysteretic force; `u_0` may replace its constant, switched part.
+    r"""Return the smoothed hysteretic force; `u_0` may replace its part lambda_0 sgn(v).
 
     $$Z = \lambda_1 y + \rho\,y^2 + \lambda_3 y^3 + u_0, \qquad \rho = -\lambda_2\,\mathrm{sgn}(v)$$
 
@@ -214,7 +214,7 @@ def simulate_equivalent(
     adjoint: diffrax.AbstractAdjoint | None = None,
     **switching: Any,
 ) -> EquivalentResponse:
-    """Integrate in time the equivalent system, in which a switched polynomial replaces hysteresis.
+    """Integrate the equivalent system in time: a polynomial that switches replaces hysteresis.
 
     The method is Tsit5 with a fixed step of 1/(substeps fs); a sampled input is linear between its
     samples. The force jumps at every turning point, by 2 (lambda_0 - lambda_2 y^2). That is little
@@ -261,7 +261,7 @@ def simulate_equivalent(
         num_samples = _length(u, num_samples)
     require_at_least("num_samples", num_samples, 2)
     adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
-    # Numbers in arrays are traced by JAX, so that other values need no new compilation.
+    # Numbers are put in arrays, which JAX traces, so that other values need no new compilation.
     joint, smoothing, rate, state, width = jax.tree.map(
         lambda x: jnp.asarray(x, float), (joint, smoothing, substeps * fs, initial, branches.width)
     )
@@ -285,7 +285,7 @@ def _length(u: Array, num_samples: int | None) -> int:
 
 
 class _Drive(eqx.Module):
-    """The input, the switched force and the switching of the equivalent system, by time step.
+    """The input, the force that switches, and the switching rule of the equivalent system, by step.
 
     A step is then a whole number, so that no rounding accumulates over a long record.
     """

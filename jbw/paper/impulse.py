@@ -120,7 +120,8 @@ def _linear_times_second(
     tau_1, tau_2, tau_3 = (_spread(tau, 5) for tau in (tau_1, tau_2, tau_3))
     inner = jnp.minimum(tau_2, tau_3)
     until = jnp.minimum(tau_1, inner)
-    # h_2(tau_2 - s, tau_3 - s) contains _ramp(rate, inner - s); its two parts are integrated here.
+    # h_2(tau_2 - s, tau_3 - s) contains _ramp(rate, inner - s), whose two parts are integrated
+    # here.
     rate = p_2 - p_3 - p_4
     grown = jnp.exp(rate * inner) * _ramp(p_0 - p_1 - p_2, until)
     ramps = (grown - _ramp(p_0 - p_1 - p_3 - p_4, until)) / rate
@@ -129,7 +130,7 @@ def _linear_times_second(
 
 
 def _poles(system: PolynomialOscillator, count: int) -> list[Complex[Array, "..."]]:
-    """Return the two poles of an oscillator's linear part, repeated along `count` last axes."""
+    """Return the two poles of an oscillator's linear part, repeated along the last `count` axes."""
     decay = jnp.asarray(system.damping) / 2.0
     poles = -decay + 1j * jnp.array([1.0, -1.0]) * _damped(system)
     return [poles.reshape(2, *(1,) * (count - 1 - axis)) for axis in range(count)]

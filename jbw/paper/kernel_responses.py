@@ -474,10 +474,10 @@ def _lines_response(
     system: PolynomialOscillator,
     max_order: int,
 ) -> tuple[Float[Array, "order time"], Float[Array, "order time"]]:
-    """Return each order's displacement and velocity at the samples, from the input's spectrum."""
+    """Return each order's displacement and velocity at the samples, from the input spectrum."""
     oversampling, fine = max_order + 1, (max_order + 1) * u.size
     lines = jnp.fft.rfft(u) * oversampling
-    # On the finer grid, the line at the old Nyquist frequency has a mirror image.
+    # On the finer grid, the spectral line at the old Nyquist frequency gets a mirror image.
     if u.size % 2 == 0:
         lines = lines.at[-1].divide(2.0)
     spectrum = jnp.zeros(omega.size, lines.dtype).at[: lines.size].set(lines)

@@ -168,7 +168,7 @@ def third_harmonic(
 
 
 def softened_receptance(omega: Real, omega_n: Real, zeta: Real, softening: Real) -> Kernel:
-    r"""Return the receptance of a joint that is softened by a tone, for a small additional motion.
+    r"""Return the receptance of a joint that a tone softens, for a small additional motion.
 
     $$H(\omega) = \frac{1}{1/H_1(\omega) - s}, \qquad s = \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 

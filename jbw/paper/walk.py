@@ -172,7 +172,8 @@ def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Fl
     _require_width(lower, upper)
     require_at_least("std", std, 0.0, open_end=True)
     mu, s = (mean - lower) / (upper - lower), std / (upper - lower)
-    # If both ends lie in the upper tail, mirror them, so that their difference keeps its digits.
+    # If both ends lie in the upper tail, they are mirrored, because their difference then keeps its
+    # digits.
     mu = jnp.where(mu < 0.0, 1.0 - mu, mu)
     a, b = -mu / s, (1.0 - mu) / s
     log_c = log_ndtr(b) + jnp.log1p(-jnp.exp(log_ndtr(a) - log_ndtr(b)))

@@ -22,8 +22,8 @@ from jbw.oscillator.modes.parameters import NAMES, own_quantities
 from jbw.quantities import DEFAULT_LAWS, MODAL
 from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_names, thin
 
-# Factor by which a single stated value may be wrong: two; for the natural frequency, which a hammer
-# tap shows, much less.
+# Factor by which a single stated value may be wrong. It is two, but much less for the natural
+# frequency, because a hammer tap shows it.
 REACH = {"omega_n": 1.1}
 FACTOR = 2.0
 Range = tuple[float, float]
@@ -43,13 +43,15 @@ class Mode(NamedTuple):
 class Beliefs:
     """The joints drawn for a plan, and what is known of their parameters before any test."""
 
-    joints: Draws  # values of all parameters and of `gain` for every joint, in their units
+    # values of all parameters and of `gain` for every drawn joint, in the units of the parameters
+    joints: Draws
     names: tuple[str, ...]  # names of the inferred parameters
     # divisor that makes changes of each parameter relative
     scale: Float[np.ndarray, "joint parameter"]
-    # inverse of the covariance that the prior gives these relative changes
+    # inverse of the covariance that the prior gives to these relative changes
     precision: Float[np.ndarray, "parameter parameter"]
-    box: Box  # prior bounds of the inferred parameters, to find those that tests do not determine
+    # prior bounds of the inferred parameters, which show whether tests determine a parameter
+    box: Box
     laws: tuple[str, ...] = DEFAULT_LAWS
 
     @property
@@ -150,7 +152,7 @@ def before(
             drawn[stiffness] = drawn.pop(share) * drawn["omega_n"] ** 2
             low, high = wide[share]
             wide[stiffness] = (low * wide["omega_n"][0] ** 2, high * wide["omega_n"][1] ** 2)
-            # log of the stiffness = log of its share + 2 log omega_n
+            # The logarithm of the stiffness is that of its share plus 2 log omega_n.
             to_stiffness = np.eye(len(inferred))
             to_stiffness[inferred.index(share), inferred.index("omega_n")] = 2.0
             covariance = to_stiffness @ covariance @ to_stiffness.T

@@ -147,7 +147,8 @@ class Description:
 
     # ranges of the joint's parameters, and of the gain unless it has one value
     ranges: Mapping[str, Range]
-    gain: float | None = None  # force per modal mass per unit of the input, if it is known exactly
+    # force per modal mass and per unit of the input, if it is known exactly
+    gain: float | None = None
     input_unit: str | None = None  # unit of the input: V, N or N/kg
     noise: ResponseNoise | None = None  # noise of the response
     settings: PlanTable = field(default_factory=PlanTable)

@@ -224,7 +224,8 @@ def rig_of(tree: xr.DataTree) -> Rig:
 
 def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
     """Return the noise of one sample, the median over levels and draws; None if unknown."""
-    # Omit the noise of free decays (filtered) and of harmonics, which is not that of one sample.
+    # Omit the noise of free decays (which are filtered) and of harmonics, because it is not that of
+    # one sample.
     for name, values in posterior.data_vars.items():
         response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
         sampled = str(values.dims[-1]).startswith("level")
@@ -233,8 +234,8 @@ def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
     return None
 
 
-# Information f_k along each eigenvector relative to the prior's, and the parameters' prior variance
-# w_ik^2 along it.
+# Information f_k along each eigenvector, relative to the prior's information, and the prior
+# variance w_ik^2 of the parameters along this eigenvector.
 InformationModes = tuple[Float[np.ndarray, "joint mode"], Float[np.ndarray, "joint parameter mode"]]
 
 
@@ -275,7 +276,7 @@ def repeats_needed(
     def enough(repeats: int) -> bool:
         return bool(np.all(worst_decile(spread(eigenmodes, repeats))[positions] <= cv))
 
-    # The CV decreases with every repeat, so bisection finds the number.
+    # Bisection finds the number, because the CV decreases with every repeat.
     repeats = 1 + bisect_left(range(1, most + 1), True, key=enough)
     return repeats if repeats <= most else None
 
@@ -355,7 +356,7 @@ def _undetermined(
     beliefs: Beliefs, precision: Matrices, positions: Sequence[int]
 ) -> tuple[str, ...]:
     """Return a sentence on parameters that the tests determine only in combination, if any."""
-    # Use the joint for which the accuracy of the wanted parameters is the median.
+    # Use the joint for which the accuracy of the wanted parameters is the median of all joints.
     remaining = covariance(precision)
     poorest = np.max(np.diagonal(remaining, axis1=1, axis2=2)[:, list(positions)], axis=1)
     i = int(np.argsort(poorest)[len(poorest) // 2])

@@ -31,7 +31,7 @@ class PlannedSweep:
     start_hz: float
     stop_hz: float
     rate: float  # rate of the sweep [Hz/s]
-    rest: float  # duration of the free decay after the burst, at whose end the joint is at rest [s]
+    rest: float  # duration of the free decay after the burst; at its end the joint is at rest [s]
     fs: float  # sampling frequency [Hz]
 
     @property
@@ -163,7 +163,7 @@ class Expected:
     """The expected coefficient of variation of a parameter, over the drawn joints [-]."""
 
     median: float  # value that half of the joints do not exceed
-    # value that nine joints in ten do not exceed; the wanted accuracy applies to it
+    # value that nine joints in ten do not exceed, to which the wanted accuracy applies
     worst_decile: float
 
 

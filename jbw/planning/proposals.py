@@ -106,7 +106,7 @@ USUAL = (
     "sweep",
     "tones",
     "stepped",
-)  # kinds of test if none is stated; backbones are left out, since they need a controller
+)  # kinds of test if none is stated; backbones are left out, because they need a controller
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from jbw.rig.structure import first_mode_truth, law_of_mode, of_day
 class RigCampaign(Campaign):
     """A measured campaign in memory; the identification has to find its gain and modal mass."""
 
-    # The true parameters behind the data, only for judging an identification.
+    # the true parameters behind the data, which serve only to judge an identification
     truth: Mapping[str, Any] = field(default_factory=dict)
     # For each test, the demanded signal of the source in each repeat [V or N], if the source is
     # recorded.
@@ -113,8 +113,8 @@ def measure(
     plans = [replace(p, repeats=repeats or p.repeats) for p in plans_named(rig, tests)]
     count = max(plan.repeats for plan in plans)
     days = specimen_of_days(specimen_of(joint), count, conditions)
-    # Two tests run at once: FFT, compiled loop and random numbers all release the interpreter's
-    # lock.
+    # Two tests run at once, because FFT, compiled loop and random numbers all release the
+    # interpreter's lock.
     with ThreadPoolExecutor(max_workers=2) as pool:
         by_plan = pool.map(lambda plan: record_test(plan, rig, days, conditions), plans)
         recorded = list(chain.from_iterable(by_plan))

@@ -206,7 +206,7 @@ def plate_chain(
         nodes: list[Any] = [base * j + i for i in range(elements + 1)]
         deflections = nodes.copy()
         if j > 1:
-            # The previous plate has this deflection, too.
+            # The previous plate has the same deflection.
             deflections[0] = base * (j - 1) + elements
         mesh.add_beam(nodes, [length / elements] * elements, section, deflections)
         names.append((nodes[0], nodes[-1]))

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 from jbw.errors import ConfigError
 from jbw.rig.integrator import Specimen
 
-# Random stream of the joint's day-to-day variation. The streams of tests are checksums of their
-# names.
+# random stream of the joint's day-to-day variation; the streams of tests are checksums of the
+# tests' names
 DAYS = 0xDA75
 
 

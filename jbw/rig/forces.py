@@ -35,7 +35,7 @@ class Force(eqx.Module):
         return ()
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
-        """Correct the integrated internal state after a small step dy of displacement."""
+        """Correct the integrated internal state after a small displacement dy."""
         return after
 
     @abstractmethod
@@ -96,7 +96,7 @@ class BoucWenNuForce(Force):
 
 
 class WornForce(Force):
-    r"""The Bouc-Wen force with degradation and pinching; w = z / z_y and an energy are integrated.
+    r"""The Bouc-Wen force with degradation and pinching; the states are w = z / z_y and an energy.
 
     $$h = 1 - \zeta_1 e^{-(w s - q w_u)^2/\zeta_2^2}, \qquad
       \dot w = \frac{h v}{\eta z_y} (1 - \nu |w|^n (\beta s\,\mathrm{sgn}(w) + 1 - \beta))$$
@@ -172,7 +172,7 @@ class SliderForces(Force):
 
 
 class LinearSpring(Force):
-    """The force of a linear spring in parallel to the structure, of stiffness k [1/s^2]."""
+    """The force of a linear spring of stiffness k [1/s^2], in parallel with the structure."""
 
     k: Scalar
 
@@ -230,7 +230,7 @@ class StopForce(Force):
 
 
 class GapForce(Force):
-    """The force of Eq. (2) at nu = 1 behind a gap; its state is the force Z and the position s."""
+    """The force of Eq. (2) at nu = 1 behind a gap; the state is the force Z and the position s."""
 
     gap_stiffness: Scalar
     gap_softening: Scalar

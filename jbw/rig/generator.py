@@ -150,7 +150,7 @@ def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> 
 def _period(
     excitation: Noise | Multisine, phases: Samples, factor: int, fs: float, lag_samples: float
 ) -> Samples:
-    """Return a period of noise or multisine at `factor` points per sample, by zero padding."""
+    """Return one period of noise or multisine at `factor` points per sample, by zero padding."""
     lines, num_points = np.arange(1, phases.size + 1), 2 * (phases.size + 1)
     if isinstance(excitation, Multisine):
         lines, num_points = excitation.lines, round(excitation.period * fs)

@@ -27,8 +27,8 @@ from jbw.rig.law_forces import forces_of
 
 SUBSTEPS = 16  # number of Runge-Kutta steps per sample
 GRID = 2 * SUBSTEPS  # number of force values per sample: at the ends and in the middle of each step
-# Number of samples per compiled call. It limits the memory of the force, and one compilation is
-# enough.
+# number of samples per compiled call, which limits the memory for the force and needs only one
+# compilation
 BLOCK = 16_384
 
 Parts = tuple[Any, ...]  # internal states of the rig's forces, which form the joint's memory

@@ -31,7 +31,8 @@ class MatrixFile:
     nodes: Mapping[str, Position] | None = None
 
     def __post_init__(self) -> None:
-        # SciPy's compiled loops do not check indices: a corrupt index would end the process.
+        # A corrupt index would end the process, because SciPy's compiled loops do not check
+        # indices.
         for matrix in self.matrices.values():
             if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
                 matrix.check_format(full_check=True)

@@ -68,7 +68,7 @@ def _read73(file: h5py.File, node: Any) -> Any:
         rows, starts = int(np.ravel(size)[0]), _loaded(of["jc"])
         entries = of["data"].size if "data" in of else 0
         require_sparse(Path(file.filename).name, (rows, starts.size - 1), entries)
-        if "data" not in of:  # This is a sparse matrix of zeros.
+        if "data" not in of:  # An entry of this form is a sparse matrix of zeros.
             return sp.csc_array((rows, starts.size - 1))
         parts = (_loaded(of["data"]), _loaded(of["ir"]), starts)
         return sp.csc_array(parts, shape=(rows, starts.size - 1))

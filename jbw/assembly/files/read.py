@@ -244,7 +244,7 @@ def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
 
 
 def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
-    """Return a matrix in the order of a table of rows; rows that it lacks are zero."""
+    """Return a matrix in the order of a table of rows; rows that the matrix lacks are zero."""
     if matrix.dofs is None:
         return matrix
     number = {dof: i for i, dof in enumerate(table)}

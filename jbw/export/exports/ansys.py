@@ -10,7 +10,7 @@ def _card(folder: Path, result: Export) -> Paths:
     """Write the element types and real constants of the joint."""
     table = result.skeleton
     pairs = zip(table["displacement_m"], table["tip_force_n"], strict=True)
-    # The table begins at the origin; Ansys mirrors the points with positive displacement.
+    # The table begins at the origin, because Ansys mirrors the points with positive displacement.
     points = ["0.0", "0.0", *(number(x) for pair in pairs for x in pair)]
     return (write_text(folder / "joint.mac", "ansys/joint.mac", result, points=points),)
 

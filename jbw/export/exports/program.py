@@ -131,7 +131,7 @@ DIRECTIONS = dict(zip((*TRANSLATIONS, *ROTATIONS), range(1, 7), strict=True))
 
 
 class JointNodes(NamedTuple):
-    """A joint between two added nodes; the first displacement of one node is the joint's motion.
+    """A joint between two added nodes; the displacement of one of them is the joint's motion.
 
     Attributes:
         card: The joint.
@@ -292,5 +292,5 @@ ENVIRONMENT.filters |= {
     "wrapped": wrapped,
     "modelica": in_modelica,
 }
-# Nodes and weights of the quadrature on [0, 1], for the law whose force is an integral.
+# nodes and weights of the quadrature on [0, 1], needed by the law whose force is an integral
 ENVIRONMENT.globals["legendre"] = tuple(zip(*(x.tolist() for x in UNIT_RULE), strict=True))
