@@ -41,7 +41,7 @@ class JbwError(Exception):
 
 
 def printable(text: str) -> str:
-    """Return text with control characters spelled out, since a file must not control a terminal.
+    """Return text with control characters spelled out, because a file must not control a terminal.
 
     Args:
         text: Text that may quote a file; its line breaks are kept.
@@ -138,13 +138,13 @@ def did_you_mean(name: str, names: Iterable[str]) -> str:
 
 
 def reason_of(error: Exception) -> str:
-    """Return the reason of a failure in one sentence, from the text or the type of its error."""
+    """Return the reason of a failure in one sentence, from the error's text or its type."""
     text = error.what if isinstance(error, JbwError) else f"{type(error).__name__}: {error}"
     return printable(" ".join(text.split())).rstrip(".: ") + "."
 
 
 class Attempts:
-    """Attempts to make items of a result; a failed item is reported and the rest is still made.
+    """Attempts to make the items of a result; a failed item is reported, and all others are made.
 
     Attributes:
         said: One sentence for every part that could not be made.

@@ -16,7 +16,8 @@ from jbw.report.messages.reading import FEWER_SAMPLES
 # parallel parameter sets of every sample that a solver follows: 520 bytes for one mode with one
 # joint (0.1 and 0.4 million samples), 2,700 for five modes with two joints (4,096 and 65,536
 # samples).
-MAX_BYTES = 4 * 2**30  # limit on one array that is read: stops decompression bombs and errors
+# largest size of one array that is read, which stops decompression bombs and errors
+MAX_BYTES = 4 * 2**30
 PROCESS, VALUE, OF_TEST, OF_LONGEST, FOLLOWED = 0.95e9, 8, 100, 200, 330
 CONTAINER = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
@@ -56,14 +57,15 @@ def most_memory() -> float:
     with suppress(AttributeError, OSError, ValueError):  # not available on every system
         limits.append(float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")))
     for path in CONTAINER:
-        with suppress(OSError, ValueError):  # the file is missing or says "max"
+        # The file is missing or says "max", so there is no limit.
+        with suppress(OSError, ValueError):
             limits.append(float(path.read_text()))
     return min(limits)
 
 
 @dataclass(frozen=True)
 class HeldRecords:
-    """Numbers of samples and bytes of the records that are read so far.
+    """Numbers of samples and bytes of those records that have been read so far.
 
     Attributes:
         values: Number of samples of all channels.
@@ -129,11 +131,11 @@ def require_memory(held: HeldRecords, last: str) -> None:
 
 
 def admit_all(samples: int, channels: int, name: str) -> None:
-    """Accept a record of any size: for mere reading, limited by `require_readable`."""
+    """Accept a record of any size, because `require_readable` limits what is merely read."""
 
 
 def admit_alone(samples: int, channels: int, name: str) -> None:
-    """Raise a DataError for a record that by itself is too large for an identification."""
+    """Raise a DataError for a record that alone is too large for an identification."""
     require_memory(NO_RECORDS.beside(samples, channels), name)
 
 

@@ -147,7 +147,7 @@ MOTION = (
 UNIT_OF = {quantity.name: quantity.unit for quantity in MOTION}
 LETTER_OF = {quantity.name: quantity.symbol for quantity in MOTION}
 
-# All other quantities that results or the rig refer to by these names.
+# all other quantities to which results or the rig refer by these names
 OTHERS = (
     Quantity("input", "u", "V", "voltage of the source"),
     Quantity("force", "F", "N", "force of the source"),

@@ -108,7 +108,7 @@ WORDS = {
     "lbf-ft": "lbf ft", "in-lb": "lbf in", "in-lbf": "lbf in", "lbf-in": "lbf in",
     "lb-in": "lbf in",
 }  # fmt: skip
-# Spellings that are matched exactly, because other upper or lower case means something else.
+# Spellings that are matched exactly, because upper or lower case changes the meaning.
 SYMBOLS = {
     "G": "g", "gn": "g", "HZ": "Hz", "hz": "Hz", "Nm": "N m", "kNm": "kN m", "mNm": "mN m",
     "Nmm": "N mm", "Ncm": "N cm", "ms-1": "m/s", "ms^-1": "m/s", "ms-2": "m/s^2",
@@ -170,7 +170,7 @@ def _plain(unit: str) -> str:
 
 
 def _word(word: str) -> str:
-    """Return the symbol for a word of a compound unit, or the word itself if it has no symbol."""
+    """Return the symbol for a word of a compound unit, or the word itself if there is no symbol."""
     symbol = WORDS.get(word.lower(), "") if len(word) > 2 else SYMBOLS.get(word, "")
     return symbol if symbol and re.fullmatch("[A-Za-z]+", symbol) else word
 

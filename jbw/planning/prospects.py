@@ -63,7 +63,7 @@ def prospects(
 
     `parts` stores the prospect of each candidate.
     """
-    # All sweeps are padded to the longest one, because each new length needs a new compilation; the
+    # All sweeps are padded to the longest one, because each new length needs a new compilation. The
     # padding does not count as data.
     sweeps = [candidate for candidate in candidates if isinstance(candidate, PlannedSweep)]
     longest = max((candidate.num_samples for candidate in sweeps), default=0)

@@ -286,7 +286,7 @@ class StoredJoints(Stored):
 
 # -- identifiability -------------------------------------------------------------------------------
 class StoredDirection(Stored):
-    """A combination of parameters, and how much the data tell about it relative to the prior."""
+    """A combination of parameters, and how much better than the prior the data determine it."""
 
     combination: str = ""
     information: Number = None
@@ -304,7 +304,7 @@ class StoredPrecision(StoredRow):
 
 
 class StoredShift(Stored):
-    """The shift of a posterior mean if a bound of the prior is moved, in standard deviations."""
+    """How far a posterior mean moves if a bound of the prior is moved, in standard deviations."""
 
     shift: Number = None
     box: str = ""
@@ -319,7 +319,7 @@ class StoredProfile(Stored):
 
 
 class StoredWaterfall(Stored):
-    """The final costs that a fit reached from its different starting points."""
+    """The final costs of a fit from different starting points."""
 
     costs: list[Number] = []
 
@@ -346,7 +346,8 @@ class RunSummary(Stored):
     main: str = ""
     steps: dict[str, StoredStep] = {}
     comparison: StoredComparison = StoredComparison()
-    tests: list[StoredTest] | None = None  # None for runs of versions that stored no tests
+    # rows of tests; None for runs of versions that stored no tests
+    tests: list[StoredTest] | None = None
     predictions: dict[str, StoredTest] = {}
     across_kinds: dict[str, StoredKind] = {}
     unscored: StoredUnscored = StoredUnscored()

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-Number = float | None  # None where the number is unknown or infinite
+Number = float | None  # This is None where the number is unknown or infinite.
 
 
 class Stored(BaseModel):

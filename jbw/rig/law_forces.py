@@ -30,8 +30,8 @@ from jbw.rig.forces import (
     WornForce,
 )
 
-# Number of sliders that represent a continuous density; the last one covers a hundredth of the
-# largest slip.
+# number of sliders that represent a continuous density; the last slider covers a hundredth of the
+# largest slip
 BINS = 300
 GRADING = 3  # Edges of the bins of slip limits are evenly spaced numbers to this power.
 FARTHEST = 0.1  # slip limit of the last slider, for a density without an end [m]
@@ -40,7 +40,7 @@ FARTHEST = 0.1  # slip limit of the last slider, for a density without an end [m
 def jenkins(theta: Mapping[str, Scalar]) -> list[Force]:
     """Return sliders from their stiffnesses, the first slip displacement [m] and slip ratios."""
     springs = [x for name, x in theta.items() if name.startswith("stiffness")]
-    # The first entry is the slip in metres, the others are ratios.
+    # The first entry is the slip in metres, and each later entry is a ratio.
     ratios = (x for name, x in theta.items() if name.startswith("slip"))
     return [SliderForces(_row(springs), jnp.cumprod(_row(ratios)))]
 

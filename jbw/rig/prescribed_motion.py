@@ -25,7 +25,8 @@ from jbw.rig.integrator import Specimen, State, doubles, runge_kutta, specimen_o
 STEPS = 16  # number of Runge-Kutta steps per sample of a loop
 POINTS = 512  # number of steps per period of a controlled response
 PERIODS = 40  # number of periods until the hysteretic force no longer depends on its start
-RISE = 30  # number of periods in which the motion grows; a sudden start would leave an offset
+# number of periods in which the motion grows, because a sudden start would leave an offset
+RISE = 30
 ORDERS = np.array([1, 3, 5, 7])
 # iterations for the higher harmonics; each changes them by a hundredth of the previous change
 ROUNDS = 6
@@ -167,8 +168,8 @@ def _held_force(
         dynamic = k - frequencies**2 + 2j * damping * frequencies
         force = dynamic[:, 0] * level + z[:, 0]
         load = np.zeros_like(motion)
-        # The source's third harmonic is cos 3(theta + psi) beside cos(theta + psi), where psi is
-        # the force's phase.
+        # If psi is the force's phase, the source's fundamental is cos(theta + psi) and its third
+        # harmonic is cos 3(theta + psi).
         load[:, 1] = distortion * np.abs(force) * np.exp(3j * np.angle(force))
         motion[:, 1:] = (load - z)[:, 1:] / dynamic[:, 1:]
     return omega, force

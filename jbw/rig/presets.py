@@ -69,7 +69,7 @@ PRIOR: Mapping[str, tuple[float, float]] = {
 
 PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)  # frequencies of the probing tones, around omega_n / 3 [Hz]
 # frequency of the tone for loops [Hz]: the resonance of the sliding joint, just below that of the
-# stuck joint
+# fully stuck joint
 LOOP_HZ = 18.5
 # Frequencies of the stepped sine, closely spaced at the resonance, each for a whole number of
 # periods.
@@ -90,7 +90,7 @@ class Plan:
 
     name: str  # name of the test and of its files
     kind: str  # kind of the campaign's test
-    # The signal of the generator, or the motion of the joint.
+    # the signal of the generator, or the prescribed motion of the joint
     excitation: Excitation | Growth | Held | Locked | HeldPoints
     repeats: int  # number of records
     # Band to state for the identification [Hz], if any.
@@ -103,7 +103,7 @@ class Plan:
 
 @dataclass(frozen=True)
 class Preset:
-    """A virtual rig and its programme of tests."""
+    """A virtual rig with its programme of tests."""
 
     name: str  # name of the preset
     # Force per unit mass and volt [N/kg/V]; for a source in newtons, the reciprocal of the modal
@@ -114,7 +114,7 @@ class Preset:
     plans: tuple[Plan, ...]  # the tests
     # The recorded channel of the source: its `input` in volts, or the shaker's `force`.
     source: str = "input"
-    source_noise_std: float = 0.5e-6  # noise of that channel [V or N]
+    source_noise_std: float = 0.5e-6  # noise of the source's recorded channel [V or N]
     displacement_range: float = 1 / 64  # full scale of prescribed displacements, a power of two [m]
     force_range: float = 512.0  # full scale of restoring forces, a power of two [N]
     # Kinds of test to which the joint posterior is fitted (all if empty); other kinds are for

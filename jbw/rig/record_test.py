@@ -46,7 +46,7 @@ Channels = dict[str, Samples]
 
 @dataclass(frozen=True)
 class Bench:
-    """A planned test, with the rig and the disturbances of its measurement."""
+    """A planned test, with the rig that measures the test and the disturbances of its records."""
 
     plan: Plan
     rig: Preset
@@ -146,7 +146,7 @@ def _by_day(test: Test, demands: Sequence[Samples]) -> Iterator[tuple[Test, Sequ
 def _shaken(
     bench: Bench, excitation: Excitation, days: Sequence[Specimen]
 ) -> tuple[list[Channels], list[Samples]]:
-    """Record channels and demanded signals under the shaker; of a free decay, only the velocity."""
+    """Record channels and demanded signals under the shaker; for a free decay only the velocity."""
     rig, conditions = bench.rig, bench.conditions
     differ = conditions.varies or isinstance(excitation, Noise)
     driven = kind_named(bench.plan.kind).is_driven
@@ -251,7 +251,7 @@ def _play_structure(
 
 
 def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Channels:
-    """Return the channels of a slow loop: the prescribed displacement and the force it needs."""
+    """Return the channels of a slow loop: the prescribed displacement and the force for it."""
     rig, noise = bench.rig, bench.conditions.force_noise_std
     y, force = pulled(specimen, growth, bench.conditions.fs)
     force = force / rig.gain
@@ -306,7 +306,7 @@ def _read_points(
     return {
         "force": read * (1.0 + excitation.force_noise * _scatter(bench, repeat, 1, force)),
         "displacement": level * (1.0 + noise * _scatter(bench, repeat, 2, force)),
-        # The component of this noise perpendicular to the phasor changes its phase.
+        # The component of this noise that is perpendicular to the phasor changes the phase.
         "phase": phase + noise * _scatter(bench, repeat, 4, force),
     }
 

@@ -64,7 +64,7 @@ class Assembled(NamedTuple):
 
     @property
     def specimen(self) -> Specimen:
-        """The joint alone, with its internal states: omega_n and zeta of this specimen are zero."""
+        """The joint alone, with its internal states; its specimen has zero omega_n and zeta."""
         return Specimen(0.0, 0.0, self.joint)
 
     def at_rest(self) -> State:

@@ -51,7 +51,7 @@ class Interruption:
         damage no file.
         """
         if threading.current_thread() is not threading.main_thread():
-            yield  # Only the main thread may handle signals.
+            yield  # Ignore signals in other threads, because only the main thread may handle them.
             return
         reader, writer = socket.socketpair()
         writer.setblocking(False)
@@ -146,7 +146,7 @@ class Checkpoint:
         return perf_counter() - self._saved > max(EVERY_S, self._cost / COST)
 
     def save(self, arrays: Mapping[str, np.ndarray], *, last: bool) -> None:
-        """Replace the older of the two checkpoints; then stop the run if that was requested.
+        """Replace the older of the two checkpoints; then stop the run if a stop was requested.
 
         Raises:
             KeyboardInterrupt: The run was asked to stop.

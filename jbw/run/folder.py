@@ -45,10 +45,11 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
         RunError: Another process holds the lock; the message names it as far as known.
         OSError: The file cannot be written.
     """
-    # A command that only prints its help must not wait for this import.
+    # This import is made here, because a command that only prints its help must not wait for it.
     from filelock import FileLock, Timeout
 
-    # The lock is not the existence of a file: a file left by a dead process would block the next.
+    # The existence of the file is not the lock, because the file of a dead process would block the
+    # next process.
     held = FileLock(file, timeout=0, thread_local=False, fallback_to_soft=False)
     try:
         held.acquire()
@@ -61,7 +62,8 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
     except OSError as error:
         if error.errno not in UNSUPPORTED:
             raise
-    # This is in another file, since Windows lets no other process read a locked file.
+    # The holder is written to another file, because Windows lets no other process read a locked
+    # file.
     holder = {"pid": os.getpid(), "host": platform.node()}
     file.with_suffix(HOLDER).write_text(json.dumps(holder), encoding="utf-8")
     return held

@@ -42,15 +42,16 @@ class Manifest:
     """The request and the inputs of a run."""
 
     command: str  # command as typed
-    campaign: str  # campaign file; its path is relative to the run's folder if it lies inside
+    # campaign file, by a path relative to the run's folder if the file lies inside that folder
+    campaign: str
     seed: int | None = None  # seed given on the command line
     preset: str | None = None  # preset of the virtual rig that measures the campaign first
     allow_outside: bool = False  # whether data files may be outside the campaign's folder
     quick: bool = False  # whether only a first answer is requested
-    final: bool = False  # whether a final fit to all tests for use is requested
+    final: bool = False  # whether a final fit to all tests, for use, is requested
     figures: tuple[str, ...] = ()  # file formats of saved figures
     text: str | None = None  # content of the campaign file, once it has been read
-    # SHA-256 of every data file by its path, relative to the campaign's folder if inside it
+    # SHA-256 of every data file by the file's path, relative to the campaign's folder if inside it
     inputs: dict[str, str] | None = None
     versions: dict[str, str] = field(default_factory=versions)
     machine: dict[str, str] = field(default_factory=machine)

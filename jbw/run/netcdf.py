@@ -40,7 +40,7 @@ def write_tree(path: Path, tree: xr.DataTree) -> None:
     """
     dimension_numbers = count()
     scales: dict[str, Scales] = {}
-    # The file is built in memory first: with a full disk, HDF5 would fail on closing and give an
+    # The file is built in memory first, because HDF5 on a full disk fails on closing and gives an
     # unclear message.
     with h5py.File(
         path, "w", driver="core", backing_store=False, block_size=BLOCK, track_order=True
@@ -146,7 +146,7 @@ def _read_group(group: h5py.Group, found: Mapping[str, Any], names: dict[Any, st
     for name, item in stored.items():
         if item.is_scale and str(item.attrs.get("NAME", b""), "utf-8").startswith(NO_VARIABLE):
             continue
-        # This variable has further dimensions besides the one with its own name.
+        # This variable has the dimension with its own name, and further dimensions.
         if item.is_scale and item.ndim > 1:
             by_id = {scale.attrs.get("_Netcdf4Dimid"): called for scale, called in names.items()}
             dims = [by_id[one] for one in np.asarray(item.attrs["_Netcdf4Coordinates"])]

@@ -25,7 +25,8 @@ COMPILED = "/jax/core/compile/backend_compile_duration"
 # Limit of the address space [bytes] below which compilers and linear algebra may crash the process;
 # compilation on two cores uses 0.7 to 1.5 GiB of it.
 RESERVED = 3.0 * 2**30
-# Compilations shorter than this [s] leave too little unused memory to be worth returning.
+# Compilations shorter than this [s] leave too little unused memory to be worth its return to the
+# system.
 LONG_S = 0.3
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
@@ -109,7 +110,8 @@ def keep_compiled(purpose: str = "compiled") -> Path | None:
     folder = own if named is None else Path(named)
     if named is None:
         jax.config.update("jax_compilation_cache_dir", str(own))
-        # Compiling a small program takes 30 ms or more, loading it a few, and a run has dozens.
+        # All programs are kept, because compiling a small one takes 30 ms or more and loading it
+        # only a few, and a run has dozens.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     if "://" not in str(named):  # JAX opens a remote folder itself.
         _require_writable(folder)
@@ -138,7 +140,8 @@ def _require_writable(folder: Path) -> None:
             pass
     except OSError as error:
         warnings.warn(stages.unkept_code(str(folder), error.strerror or str(error)), stacklevel=3)
-        # JAX would warn for every program, although it can still read from the folder.
+        # Warnings are suppressed, because JAX would warn for every program, although it can still
+        # read from the folder.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", math.inf)
         if not folder.is_dir():
             jax.config.update("jax_compilation_cache_dir", None)

@@ -32,13 +32,14 @@ from jbw.verification.backbone import curves_of_response
 from jbw.verification.predicted import carry
 from jbw.watch.statement import Trend
 
-# Other modes are searched in the time in which the amplitude falls from this multiple to the
-# measured amplitude.
+# Other modes are searched in the time in which the amplitude falls from this multiple of the
+# measured amplitude to the measured amplitude.
 WIDTH = np.sqrt(1.4)
 FEWEST = 64  # smallest number of samples in which other modes can be searched
 # largest allowed amplitude of other modes, relative to that of the monitored mode
 OTHER_MODES = 0.02
-# A chosen amplitude must differ by this factor from the largest and the smallest measured one.
+# A chosen amplitude must differ by this factor from the largest and from the smallest measured
+# amplitude.
 SPARE = 1.05
 PER_AMPLITUDE = 2  # number of values per amplitude: frequency and logarithm of the damping ratio
 RAISED = 1.1  # factor by which the torque is raised to compute the trend with torque
@@ -134,9 +135,9 @@ def _table(record: Record, test: Test) -> ModeReading:
             f"`{record.name}` has no {response}, which is the response of test `{test.name}`.",
             remedy="Give a record with the same channels.",
         )
-    filter_of(test)  # An error is raised here for a test without a band.
+    filter_of(test)  # For a test without a band, this line raises an error.
     alone = replace(test, records=(record,), name=record.name)
-    # An error is raised here for a record without measurable frequency and damping.
+    # For a record without measurable frequency and damping, this line raises an error.
     (table,) = (read for read in read_decays(alone) if read is not None)
     return table
 

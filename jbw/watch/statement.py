@@ -34,8 +34,8 @@ from jbw.watch.hotelling import (
 # values of x = ln(T'/T) at which densities are computed, up to four prior standard deviations
 PLACES = np.linspace(-4.0, 4.0, 8001)
 QUANTILES = (0.005, 0.5, 0.995)
-# If the change that the best torque leaves unexplained is less probable than this, no torque
-# explains it.
+# If the part of a change that the best torque does not explain is less probable than this, no
+# torque explains the change.
 UNEXPLAINED = 0.01
 LEVEL = 0.99  # probability of intervals
 
@@ -61,10 +61,10 @@ class TorqueChange(NamedTuple):
 
     before: float
     after: float  # median of the torque after the change
-    low: float  # lower end of its 99 % interval
+    low: float  # lower end of the 99 % interval of the torque after the change
     high: float
     explained: bool  # whether some torque explains the change of both frequency and damping
-    inside: bool  # whether the median lies between the torques of the population
+    inside: bool  # whether the median lies within the range of the population's torques
 
 
 class Change(NamedTuple):
@@ -132,8 +132,8 @@ def state(
     ]
     change = None
     if alarms:
-        # The probabilities are those of 0, 1, ... records since a change; the last one means no
-        # change. The most probable number dates a drift.
+        # The probabilities are those of 0, 1, ... records since a change; the last one is that of
+        # no change. The most probable number of records dates a drift.
         length = int(np.argmax(run.probability[1:-1])) + 1
         behind = watched[-length:]
         change = change_of(reference, behind, len(watched) - length + 1)
@@ -224,7 +224,7 @@ def torque_after(
 
 
 def words_of(change: TorqueChange) -> str:
-    """Return the clause, for the end of a sentence, on the torque that explains a change."""
+    """Return the clause on the torque that explains a change, to end a sentence."""
     after = change.after, change.low, change.high
     return watch.torque_change(
         change.before, after, within_fleet=change.inside, is_explained=change.explained

@@ -30,8 +30,9 @@ from jbw.watch.statement import Trend, as_plain, sentence, state
 
 FORMAT = 1
 FALSE_ALARMS = 1e-3  # default rate of false alarms
-SPARE = 2  # The number of references must exceed the number of values per record by at least this.
-FEW = 20  # With fewer references than this, one amplitude is better than two.
+# The number of reference records must exceed the number of values per record by at least this.
+SPARE = 2
+FEW = 20  # If there are fewer reference records than this, one amplitude is better than two.
 Say = Callable[[str], None]
 # A function that returns the trend of frequency and damping from the torque before any change [N m]
 # (or None), the amplitudes and the test.
@@ -193,7 +194,7 @@ def _of_file(
 
 
 def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
-    """Return each record with an identity: the hash of its file and its position in the file."""
+    """Return each record with an identity: the hash of its file and its position in that file."""
     count: dict[str, int] = {}
     identified = []
     for record in records:
@@ -350,7 +351,9 @@ def set_aside(path: Path) -> str | None:
     try:
         _append_bytes(
             torn_path, torn + b"\n"
-        )  # The line is saved before it is removed: after a crash in between it exists twice.
+        # The line is saved before it is removed. After a crash in between, it therefore exists
+        # twice.
+        )
         with path.open("rb+") as stream:
             stream.truncate(len(complete) + len(mark))
             os.fsync(stream.fileno())
