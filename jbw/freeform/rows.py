@@ -23,7 +23,8 @@ from jbw.freeform.sliders import Reals, SliderGrid, grid_for
 from jbw.measurement.readings.statement import RecordTable
 
 ROWS = 4  # number of rows that represent a record, enough because its curve is smooth
-FEWEST = 4  # smallest number of amplitudes: frequency and damping need two coefficients each
+# smallest number of amplitudes, because frequency and damping need two coefficients each
+FEWEST = 4
 # relative errors of frequency and damping that are assumed if none is stated
 FLOOR_HZ, FLOOR_ZETA = 1e-6, 3e-3
 # Trial values of the relative standard deviation of frequency between records.

@@ -26,7 +26,7 @@ from jaxtyping import ArrayLike, Float
 Reals = Float[np.ndarray, " _"]
 Matrix = Float[np.ndarray, "amplitude bin"]
 
-# number of bins per decade: with only 6, a Masing law can seem to break Masing's rule
+# number of bins per decade, because with only 6 a Masing law can seem to break Masing's rule
 PER_DECADE = 16
 FINE = 8  # number of equal sliders into which a bin is divided, so that curves are smooth
 # Ends of the grid, relative to the smallest and the largest amplitude. Sliders below a quarter of

@@ -95,7 +95,7 @@ def fit_lines(lines: FRFLines, start: Real, typical: Real) -> FittedLines:
     variance, of_sum = observed, None
     fitted = _least_squares(lines, data, variance, start, typical)
     windowed = lines.outputs[0].window == "hann"
-    # The errors depend weakly on the parameters: two rounds are enough for the weights.
+    # The errors depend weakly on the parameters, so two rounds are enough for the weights.
     for _ in range(2 if windowed else 0):
         errors = _errors(lines, observed, fitted.theta)
         variance = _floored(errors.variance, data, len(lines.outputs))

@@ -130,7 +130,8 @@ def _poles(outputs: Sequence[FRF], order: int) -> Real:
         factor = np.power(1j * omega, derivative_order(part.response), dtype=complex)
         data = part.h * factor
         columns = powers * data[:, None]
-        # Eliminate the numerators: remove the part of each FRF that powers of z can explain.
+        # Eliminate the numerators, that is, remove the part of each FRF that powers of z can
+        # explain.
         basis = np.linalg.qr(powers)[0]
         residual = columns - basis @ (basis.conj().T @ columns)
         normal += residual.conj().T @ residual / np.vdot(data, data).real

@@ -35,7 +35,8 @@ NUM_NODES = 24
 LARGEST = float(np.sqrt(-2 * np.log(0.01)))
 MARGIN = 0.05  # standard deviation of neglected effects, relative to the effect of the joint
 READ = ("omega_n", "zeta", "gain")
-# smallest number of spectral lines for an oscillator: three unknowns, two numbers per line
+# smallest number of spectral lines for an oscillator, because it has three unknowns and each line
+# gives two numbers
 LEAST_LINES = 2
 # A relative change of the response between two points above this is a jump to another branch.
 JUMP = 0.5

@@ -22,7 +22,8 @@ LONG = 8192  # number of samples above which neighbouring samples are averaged
 # If the stiffest cycle is stiffer than the whole loop by more than this factor, use the cycle's
 # stiffness.
 SOFTER = 2.0
-# smallest force of a cycle, relative to the largest force, because a smaller force may be noise
+# largest step between averaged samples, relative to the largest displacement; it gives about a
+# thousand values per cycle
 SEEN = 0.1
 # largest step between averaged samples, relative to the largest displacement: about a thousand
 # values per cycle

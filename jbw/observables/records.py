@@ -222,7 +222,8 @@ class Records(Observable):
             )
             return motion[..., self.skipped :]
 
-        # Simulate levels one by one: without a batch, the solver skips work for rare events.
+        # Simulate levels one by one, because the solver skips work for rare events only without a
+        # batch.
         if not several:
             return jax.lax.map(one, (self.held, self.groups.origin))
         motions = sorted(set(self.moved))

@@ -281,8 +281,8 @@ def planned_motion(
     """
     gain, joint = theta["gain"], oscillator_of(theta, laws)
     motion = steady_state(joint, omega, jnp.abs(gain) * level, NUM_HARMONICS)
-    # If a channel's sign is reversed, the motion comes half a period later: odd harmonics change
-    # sign.
+    # If a channel's sign is reversed, the motion comes half a period later, so that odd harmonics
+    # change sign.
     return jnp.sign(gain)[..., None] * motion
 
 

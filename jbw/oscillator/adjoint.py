@@ -36,8 +36,8 @@ from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_ki
 # A `State` whose fields are arrays over time.
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
 Columns = tuple[tuple[Scalar, ...], ...]
-# Number of steps that are differentiated at once: few enough that the intermediate arrays fit into
-# the cache, and that the memory of a gradient does not grow with the record.
+# Number of steps that are differentiated at once. It is so small that the intermediate arrays fit
+# into the cache, and that the memory of a gradient does not grow with the record.
 _CHUNK = 128
 # Laws that remember load reversals have more methods than the protocol `Law`.
 Laws = tuple[Any, ...]

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 from importlib import import_module
 from typing import Any
 
-# This module is loaded only for a user's law: it needs modules that build on the laws.
+# This module is loaded only for a user's law, because it needs modules that build on the laws.
 CONTRACT = "jbw.oscillator.contract"
 
 

@@ -350,9 +350,10 @@ def set_aside(path: Path) -> str | None:
     torn_path = path.with_name(TORN)
     try:
         _append_bytes(
-            torn_path, torn + b"\n"
-        # The line is saved before it is removed. After a crash in between, it therefore exists
-        # twice.
+            torn_path,
+            torn + b"\n",
+            # The line is saved before it is removed. After a crash in between, it therefore exists
+            # twice.
         )
         with path.open("rb+") as stream:
             stream.truncate(len(complete) + len(mark))

@@ -82,8 +82,8 @@ def judged(names: tuple[str, ...], replications: Ranked, num_ranks: int) -> Cali
     failures = {
         "not finite": ~finite,
         "not arrived": ~np.asarray(replications.arrived),
-        # A quantity with NaN draws has no R-hat, and NaN exceeds no limit: this comparison counts
-        # it as failed.
+        # A quantity with NaN draws has no R-hat. Because NaN exceeds no limit, this comparison
+        # counts the quantity as failed.
         "not mixed": finite & ~(np.asarray(replications.r_hat) <= MOST_R_HAT),
     }
     columns = dict(zip(names, ranks.T, strict=True))

@@ -26,18 +26,20 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.coordinates import IDENTITY, Composed, Coordinate, Vector
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-# bound of the coordinate w, the distance from the bottom of the valley in standard deviations
+# bound of the coordinate w, the distance from the bottom of the posterior's valley in standard
+# deviations
 WIDE = 100.0
-NUM_POINTS = 400  # number of points of the marginal density along the valley
+NUM_POINTS = 400  # number of points of the marginal density along the posterior's valley
 # Support points closer to each other than this, in normalised coordinates, count as one.
 APART = 1e-9
 # largest error of the bottom of the valley between two support points, as a change of chi-square
 OFF = 1.0
 FAR = 100.0  # rise of chi-square above which the posterior is negligible
-# Above this slope, in units of the prior range, the valley counts as turning back.
+# Above this slope, in units of the prior range, the valley turns back and cannot be followed by one
+# parameter.
 STEEP = 10.0
-# A parameter may lead the valley if its component in the weakest direction exceeds this fraction of
-# the largest.
+# A parameter may serve as coordinate along the valley if its component in the weakest direction
+# exceeds this fraction of the largest.
 PART = 0.3
 
 

@@ -22,7 +22,8 @@ from numpyro.distributions import Distribution
 from jbw.errors import ModelError
 from jbw.inference.space.problem import Problem
 
-HEAVY = 5.0  # degrees of freedom of Student's t distribution around a fit: heavy tails
+# degrees of freedom of Student's t distribution around a fit, few enough for heavy tails
+HEAVY = 5.0
 # finite log density that represents zero density, so that zero times it is not NaN
 FORBIDDEN = -1e30
 

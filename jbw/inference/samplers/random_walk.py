@@ -18,7 +18,7 @@ from jbw.inference.space.box import named
 from jbw.inference.space.problem import Problem, log_density
 
 AVERAGING = 0.75  # exponent of the weights with which step sizes are averaged, as in dual averaging
-# exponent of the gain: its sum diverges, and its sum of squares converges
+# Exponent of the gain. With it the sum of the gain diverges, and the sum of its squares converges.
 FORGETTING = 0.6
 # first step size of the warm-up without a fit, and with coordinates normalised by a fit
 FIRST_STEP = (0.1, 1.0)

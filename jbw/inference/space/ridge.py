@@ -31,11 +31,14 @@ from jbw.inference.space.reparametrisation import (
     never_zero,
 )
 
-# A parameter belongs to the ridge if its component exceeds this fraction of the largest one.
+# A parameter belongs to the posterior's ridge if its component exceeds this fraction of the largest
+# one.
 PART = 0.3
-# A bound is parallel to the ridge if the direction has a smaller component across the bound.
+# A bound is parallel to the posterior's ridge if the ridge's direction has a smaller component
+# across the bound.
 NARROW = 1e-9
-# range of the ridge coordinate r in which chains start, even if the optimum lies at a bound
+# range of the coordinate r along the ridge in which chains start, even if the optimum lies at a
+# bound
 MIDDLE = (0.05, 0.95)
 
 Member = Float[Array, " member"]
@@ -105,7 +108,8 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
     # If a prior's lower bound is zero, its logarithm is bounded at a negligible value.
     floored = np.isin(box.names, logarithms) & (np.asarray(box.lower) <= 0)
     ridge = _ridge_of(in_logs, floored)
-    # Project the corners of the prior range: lines outside of the projection do not meet the range.
+    # Project the corners of the prior range, because lines outside of the projection do not meet
+    # the range.
     corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
     ends = (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
     others = np.array(ridge.others, dtype=int)

@@ -25,8 +25,8 @@ from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order
 from jbw.report.messages import clock_faults as messages
 
-# Lines with |1 - r^2| above this are used, r the frequency ratio: damping hardly shifts their
-# phase.
+# Lines with |1 - r^2| above this are used, where r is the frequency ratio, because damping hardly
+# shifts their phase.
 AWAY = 0.08
 # The phase of a line is used if its power exceeds this fraction of the drive's median power.
 LOUD = 0.3
@@ -56,7 +56,7 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
         before, after, jump = step
         text = messages.lost_block(0.5 * (before + after), jump, kept_before(record, before))
     elif abs(slope) * length > least:
-        # A fast clock samples early: each sample shows an earlier time, and the lag grows.
+        # A fast clock samples early, so that each sample shows an earlier time and the lag grows.
         text = messages.another_clock(slope, abs(slope) * length)
     elif (constant := _constant_of_noise(record)) is not None:
         seconds, error = constant

@@ -11,7 +11,8 @@ from jbw.measurement.faults.suspect import Cause, Misfit, stiffness
 from jbw.measurement.spectra import FRF
 from jbw.report.messages import record_faults as messages
 
-SEGMENTS = 8  # number of segments: few, but enough for a resonance to stand out of the spectra
+# number of segments: small, but large enough for a resonance to stand out of the spectra
+SEGMENTS = 8
 FLOOR = 1e-4  # Lines below this fraction of the largest density are outside the excitation.
 # An input whose spectrum is more peaked than the response's by this factor looks like a response.
 PEAKED = 10.0

@@ -28,7 +28,8 @@ ROUND = 1e-6
 COARSEST = 0.4
 DECIMALS = range(-3, 13)  # tried numbers of decimals of times, in their printed unit
 SIGNIFICANT = range(3, 10)  # tried numbers of significant digits of times
-# An interval with at least this number of digits may be rounded: universal files print six.
+# An interval with at least this number of digits may be rounded, because universal files print six
+# digits.
 STATED = 6
 SLOPES = 60  # number of slopes tried for a line through all times
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}

@@ -193,7 +193,8 @@ def _behind(group: h5py.Group, name: str, target: str) -> Node:
     here: Any = group.file if target.startswith("/") else group
     steps = [part for part in target.split("/") if part not in ("", ".")]
     for step in steps:
-        # A link to another link is rejected too: it could lead out of the file or in a circle.
+        # A link to another link is rejected too, because it could lead out of the file or in a
+        # circle.
         is_hard = isinstance(here, h5py.Group) and isinstance(
             here.get(step, getlink=True), h5py.HardLink
         )

@@ -53,7 +53,7 @@ def confounded(correlation: float) -> str:
 
 
 def no_logarithm(name: str, units: Sequence[str]) -> str:
-    """Return the message that a parameter is not pooled, as it is not positive in every unit."""
+    """Return the message that a parameter is not pooled because some units lack positive values."""
     return (
         f"{name} is unknown or not positive in {listed(units)}. It is therefore not part of the "
         "population, and every unit keeps the prior of its own run for this parameter."
