@@ -38,7 +38,8 @@ _SLOWEST_RESIDUAL = 5.0
 # A mode does not move a joint if the joint's motion is below this fraction of the motion of its
 # degrees of freedom.
 _STILL = 1e-9
-_PARALLEL = 1e-10  # 1 - |cos| between the weights of two joints that act at the same point
+# Two joints act at the same point if 1 - |cos| between their weights is below this.
+_PARALLEL = 1e-10
 _ROUND_OFF = 1e-6  # part of an energy share above 1 that counts as round-off
 _PLAUSIBLE_HZ = (1e-2, 1e5)
 _SHOWN = 5

@@ -85,7 +85,7 @@ KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", 
 Assume = Callable[[str], None]
 NOBODY = Channel("...", "", "")
 Reach = tuple[float, float]  # lowest and highest frequency [Hz] of response curves
-FEW_COLUMNS = 16  # If a table has more columns, they are not a few channels.
+FEW_COLUMNS = 16  # The columns of a table with more columns than this are not taken as channels.
 
 
 @dataclass(frozen=True)

@@ -273,7 +273,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
         linear = [k for k in KINDS.values() if k.is_curve and not k.is_controlled]
         named = ", ".join(f"`{kind.name}`" for kind in linear)
         yield f"units: `{unit}` of `{ratios[0]}` is for kind {named} only."
-    # The frequency of a backbone already determines the stiffness.
+    # A backbone needs no source, because its frequency already determines the stiffness.
     needs_source = traits.is_driven and not traits.is_locked
     if needs_source and roles.isdisjoint(SOURCES) and not ratios:
         yield f"channels: kind `{test.kind}` needs `input`, `force` or `base`."

@@ -173,7 +173,7 @@ def _backbones(
 def _with_free_shape(
     backbones: Sequence[ModalBackbone], stiffness: Float[np.ndarray, " joint"]
 ) -> ModeNumbers:
-    """Return frequency, damping and joint contributions; mode shapes depend on amplitude."""
+    """Return frequency, damping and joint contributions, for shapes that change with amplitude."""
     omega, zeta, q, x, r = (
         np.stack([getattr(curve, name) for curve in backbones])
         for name in ("omega", "zeta", "q", "x", "r")
@@ -193,7 +193,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Return frequency, damping and joint contributions, for the shapes of fully stuck modes."""
+    """Return frequency, damping and joint contributions of modes with the shapes of full stick."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}

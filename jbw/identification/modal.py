@@ -446,7 +446,7 @@ def _as_fit(
     blocks = fitted.theta[place]
     added = np.zeros((num, 2))
     added[:, : lines.num_residuals] = fitted.theta[modal:].reshape(num, -1)
-    # Errors serve as weights, so that for a swept record these are the lines of the response
+    # Lines are divided by their errors; for a swept record they are then the lines of the response
     # itself.
     residual, size = (
         np.linalg.norm(np.split(x / np.sqrt(fitted.variance), num), axis=-1)

@@ -275,7 +275,7 @@ def _lines(mean: np.ndarray) -> int:
 
 
 def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:
-    """Return the variance per sample of white noise of the median level in a response's band."""
+    """Return the variance per sample of white noise with the median level in a response's band."""
     band = _band(mean)
     power = np.sum(np.abs(np.fft.rfft(deviations))[:, band] ** 2, axis=0) / (len(deviations) - 1)
     # The ratio of the median to the mean of a chi-square variable with 2 k degrees of freedom is

@@ -18,7 +18,9 @@ from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 
 CONSTANTS = tuple(quantity.name for quantity in CONSTANT_TERMS)
 TERMS = tuple(quantity.name for quantity in RESIDUAL_TERMS)
-TERMS_KEY = 3  # number that is added to the seed here, so that other random numbers stay the same
+# number that is combined with the seed, so that the draws differ from all other draws with this
+# seed
+TERMS_KEY = 3
 
 
 def new_terms(

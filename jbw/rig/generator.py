@@ -23,7 +23,7 @@ class Tone:
     frequency_hz: float  # frequency f [Hz]
     level: float  # peak voltage A [V]
     duration: float  # length of the record [s]
-    settle: float  # time before the record starts [s]; whole periods keep the phase
+    settle: float  # time before the record starts [s]: whole periods, because these keep the phase
 
     def volts(self, t: Samples, distortion: float) -> Samples:
         """Return the voltage at times t >= 0."""

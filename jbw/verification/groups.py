@@ -105,7 +105,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
         attrs |= {"level": test.level, "level_unit": level_unit}
 
     def relative(values: np.ndarray) -> np.ndarray:
-        """Return 1 plus the error of values divided by the reference value."""
+        """Return values as 1 plus their error, relative to the reference value."""
         return 1.0 + (values - group.measured) / reference
 
     others = {name: relative(values) for name, values in group.others.items()}

@@ -26,8 +26,9 @@ ROUND = 1e-6
 # Largest resolution of printed times, in sampling intervals, that may explain uneven times. A lost
 # sample shifts later times by half an interval from every straight line, and must not be hidden.
 COARSEST = 0.4
-DECIMALS = range(-3, 13)  # tried numbers of decimals of times, in their printed unit
-SIGNIFICANT = range(3, 10)  # tried numbers of significant digits of times
+# numbers of decimals that are tried for times, in the unit in which the times are printed
+DECIMALS = range(-3, 13)
+SIGNIFICANT = range(3, 10)  # numbers of significant digits that are tried for times
 # An interval with at least this number of digits may be rounded, because universal files print six
 # digits.
 STATED = 6

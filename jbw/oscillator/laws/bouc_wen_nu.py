@@ -49,7 +49,7 @@ _PERIODS = 4  # number of Newton steps that solve for the spring's stretch in th
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return a small loop's stiffness loss / delta and damping / gamma, over (alpha Y)^nu.
+    r"""Return a small loop's stiffness loss and damping, per unit delta or gamma and (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """

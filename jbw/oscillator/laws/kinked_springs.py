@@ -138,7 +138,10 @@ class Quadratic(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds of either sign, up to 0.3 of the linear force at largest motion."""
+        """Return prior bounds of c: the force, of either sign, is up to 0.3 of the linear one.
+
+        The forces are compared at the largest motion.
+        """
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"quadratic": (-most, most)}
 

@@ -125,7 +125,10 @@ class Cubic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds of either sign, up to 0.3 of the linear force at largest motion."""
+        """Return prior bounds: the force, of either sign, is up to 0.3 of the linear force.
+
+        The forces are compared at the largest motion.
+        """
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**2
         return {"cubic": (-most, most)}
 
@@ -154,7 +157,10 @@ class Quintic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds of either sign, up to 0.3 of the linear force at largest motion."""
+        """Return prior bounds: the force, of either sign, is up to 0.3 of the linear force.
+
+        The forces are compared at the largest motion.
+        """
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**4
         return {"quintic": (-most, most)}
 
@@ -188,7 +194,10 @@ class Square(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds of either sign, up to 0.3 of the linear force at largest motion."""
+        """Return prior bounds: the force, of either sign, is up to 0.3 of the linear force.
+
+        The forces are compared at the largest motion.
+        """
         most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
         return {"square": (-most, most)}
 

@@ -51,7 +51,7 @@ def torque_change(before: float, after: Estimate, *, within_fleet: bool, is_expl
 
 
 def attenuated(error: float, attenuation: float) -> str:
-    """Return the warning that errors of the torques make the slopes with torque too small."""
+    """Return the warning that errors of the torques make the trends with torque too small."""
     return (
         "If the torques of the fleet were not set but measured with an error of "
         f"{percent(error, '.0f')}, its slopes are about {percent(attenuation, '.1g')} too "
