@@ -213,7 +213,7 @@ def _course(
 
 
 class Entry(NamedTuple):
-    """Where a record starts on the simulated decay: time [steps], rotation [rad], shift [rad/s]."""
+    """The start of a record on the simulated decay: time [steps], rotation [rad], shift [rad/s]."""
 
     place: Float[Array, "..."]
     phase: Float[Array, "..."]
