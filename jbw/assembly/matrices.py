@@ -270,7 +270,7 @@ def modal_damping(
     modes: StuckModes,
     names: Sequence[str],
 ) -> ModalDamping:
-    """Return damping ratios from C's diagonal, and dashpots if these explain the other terms.
+    """Return damping ratios from C's diagonal, and dashpots if they explain the off-diagonal part.
 
     Raises:
         ModelError: C supplies energy to a mode.

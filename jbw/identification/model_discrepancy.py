@@ -392,7 +392,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     residuals, slopes = residual_by_label(best.residual, data), slopes_of(best, prior, data)
     noise = _noise_alike(residuals, data) | repeated
     stay_in = _decays(data) - {run for group in fits for run in group}
-    # Of a test whose decays are partly held out, the remaining decays took part in the fit.
+    # If the decays of a test are partly held out, the remaining ones took part in the fit.
     fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}
     shown = {
         run: _placed(_shown_by(run, fit, slopes, prior, noise, natural), run, group, amplitudes)

@@ -225,7 +225,10 @@ class ModesAtJoint(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
-        """Return log motions and couplings in sd, and log prior density minus a uniform prior's."""
+        """Return log motions and couplings divided by their prior sd, and the log prior density.
+
+        The density is relative to that of a uniform prior.
+        """
         logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
         rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():

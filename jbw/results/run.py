@@ -304,7 +304,7 @@ class StoredPrecision(StoredRow):
 
 
 class StoredShift(Stored):
-    """How far a posterior mean moves if a bound of the prior is moved, in standard deviations."""
+    """The shift of a posterior mean if a bound of the prior is moved, in standard deviations."""
 
     shift: Number = None
     box: str = ""

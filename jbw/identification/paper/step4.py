@@ -64,8 +64,8 @@ def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> Op
     s = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     gamma = prior.lower[0] + (s + 1) / 2 * (prior.upper[0] - prior.lower[0])
     values = misfits(gamma, dict(held), records)
-    # The polynomials are orthogonal at these nodes, and the mean over the nodes has half the
-    # weight. This also works under vmap.
+    # The polynomials are orthogonal at these nodes; the constant term has half the weight of the
+    # others. This also works under vmap.
     series = 2 / NODES * np.polynomial.chebyshev.chebvander(s, NODES - 1).T
     series[0] /= 2
     return OpeningCurve(

@@ -116,7 +116,7 @@ class CubicDamping(Damper):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        r"""Return prior bounds of c from the largest damping ratio of c, $3 c Y^2 \omega_n / 8$."""
+        r"""Return prior bounds of c from the largest ratio that c adds, $3 c Y^2 \omega_n / 8$."""
         return {"cubic_damping": (0.0, MOST_ADDED * 8 / 3 / (scales.y_peak**2 * scales.omega_n))}
 
     def __call__(self, v: Scalar) -> Scalar:

@@ -50,7 +50,7 @@ ModalPush = tuple[tuple[Any, ...], tuple[Any, ...], Any]
 
 
 class ModeStep(eqx.Module):
-    """The constants of one mode's time step, with the weights of the joints' forces in it.
+    """The constants of one mode's time step, with the weights of the joints' forces on this mode.
 
     For every joint: h, p, and the weights `on_y`, `on_v` of its r, h r', change of r and h r_1'.
     """
