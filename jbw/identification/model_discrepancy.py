@@ -238,7 +238,7 @@ def scatter_about_zero(
     by_chance = judged and Rest(chi_square, count, of_chance).is_by_chance
     if chi_square <= count or by_chance:
         return 0.0
-    most = float(np.sum(b / g))  # At this value the sum is at most n.
+    most = float(np.sum(b / g))  # upper bound of the variance, because the sum for it is at most n
     solution = root_scalar(
         lambda square: float(np.sum(b / (variance + square * g))) - count,
         bracket=(0.0, most),

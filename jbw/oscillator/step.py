@@ -193,7 +193,7 @@ def _through_kinks(
     y, v, _ = state
     r, _ = _remainder(step, state, branches, u)
     a = barrier(_acceleration(step, y, v, r, u))
-    # W_2 = b - a of the corrector's constants.
+    # W_2 is the difference b - a of the corrector's constants.
     weights = step.a_y - step.b_y, step.a_v - step.b_v
     end, (shift_y, shift_v) = through_kinks(
         step.laws, step.dt, (state, branches, a), weights, (y_1, v_1)

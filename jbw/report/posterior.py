@@ -288,7 +288,7 @@ def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
         for (draws, placed), colour in zip(
             chains, style.LEVELS * len(parameter.draws), strict=False
         ):
-            # Lines are drawn as an image, since so many vector lines take long to show.
+            # Lines are drawn as an image, because so many vector lines take long to show.
             trace.plot(draws, color=colour, lw=0.4, alpha=0.8, rasterized=True)
             counts, edges = np.histogram(placed, BINS, (0, ranks.size))
             rank.stairs(counts * BINS / draws.size, edges, color=colour, lw=1.0, baseline=None)

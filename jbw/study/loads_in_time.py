@@ -91,7 +91,7 @@ def _frequencies(centre: Values, damping: Values, band: tuple[float, float], few
     width = 12.0 * float(np.max(damping * centre))
     low, high = float(np.min(centre)) - width, float(np.max(centre)) + width
     near = np.linspace(low, high, min(int((high - low) / step) + 2, 4000))
-    # Away from the resonance, spacing grows with distance.
+    # Away from the resonance, the spacing of the frequencies grows with their distance from it.
     away = width * np.geomspace(1.0, max(band[1] / width, 2.0), few)
     every = np.concatenate([near, low + width - away, high - width + away, band])
     return np.unique(every[(every >= band[0]) & (every <= band[1])])

@@ -292,7 +292,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | N
     peak_above = np.maximum.accumulate(density[::-1])[::-1]
     depth = density / np.minimum(peak_below, peak_above)
     share = np.searchsorted(np.sort(flat), grid) / flat.size
-    # Few draws of a heavy tail form clumps: the smaller mode must exceed its standard error.
+    # Few draws of a heavy tail form clumps, so the smaller mode must exceed its standard error.
     error = np.maximum(np.sqrt(share * (1 - share) / count), _repeated(flat, grid))
     depth[np.minimum(share, 1 - share) - SURE_SIDE * error < LEAST_SIDE] = 1.0
     i = int(np.argmin(depth))

@@ -72,7 +72,7 @@ def mixture_within(
 
 def log_mass(a: Rows, b: Rows) -> Rows:
     r"""Return the logarithm of $\Phi(b) - \Phi(a)$, which is accurate even far out in a tail."""
-    # Differences in the lower tail have more digits.
+    # Mirror to the lower tail, because differences have more digits there.
     a, b = np.where(a > 0, -b, a), np.where(a > 0, -a, b)
     return log_ndtr(b) + np.log(-np.expm1(np.minimum(log_ndtr(a) - log_ndtr(b), 0.0)))
 

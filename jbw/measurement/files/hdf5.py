@@ -96,7 +96,8 @@ def fs_of(attributes: Mapping[str, Any]) -> float | None:
 
 def attribute(attributes: Mapping[str, Any], name: str) -> Any:
     """Return an attribute that is a text or number; an empty text for all other attributes."""
-    # Attributes of other types are never read: a changed byte in their type can crash the process.
+    # Attributes of other types are never read, because a changed byte in their type can crash the
+    # process.
     if name not in attributes:
         return ""
     if isinstance(attributes, h5py.AttributeManager):
