@@ -94,18 +94,19 @@ def watch(
         with writing(folder, "watch.png", "watch.html") as part:
             write_figure(part / "watch.png", figure)
             (part / "watch.html").write_text(page, encoding="utf-8")
-        several = len(watched.settings["amplitudes"]) > 1
-        if several and watched.settings["reference"] < FEW:
+        if len(watched.settings.amplitudes) > 1 and watched.settings.reference < FEW:
             say(messages.several_amplitudes(FEW))
-    stated = [reading for reading in watched.added if "statement" in reading]
+    stated = [line for line in watched.added if line.statement]
     # The last alarm is shown, or without an alarm the statement on the last record.
-    last = ([reading for reading in stated if reading["alarm"]] or stated)[-1:]
+    last = ([line for line in stated if line.alarm] or stated)[-1:]
     shown = watched.added or watched.readings
-    record = {"settings": watched.settings, "added": watched.added, "count": len(watched.readings)}
+    added = [line.plain() for line in watched.added]
+    settings, count = watched.settings.plain(), len(watched.readings)
+    record = {"settings": settings, "added": added, "count": count}
     answer(
-        json_, record, watch_table(watched.settings, shown), *(row["statement"] for row in last),
+        json_, record, watch_table(watched.settings, shown), *(line.statement for line in last),
         saved=f"Watch: {folder / 'watch.jsonl'}, {folder / 'watch.html'}",
     )  # fmt: skip
-    if any(reading.get("alarm") for reading in watched.added):
+    if any(line.alarm for line in watched.added):
         return ALARM
-    return REFUSED if any(reading["kind"] == "refused" for reading in watched.added) else 0
+    return REFUSED if any(line.kind == "refused" for line in watched.added) else 0

@@ -383,9 +383,8 @@ OF_TOPICS = {
         loads.bare_level("V"), loads.DOWNWARD, loads.OF_SPECTRUM,
         loads.in_report("run"), loads.earlier_posterior("run"), loads.unreadable_loads("run"),
         loads.heading("response at 2 V"),
-        loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "force"}),
-        loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "base",
-                        "participation": 1.3, "shape": 1.0}),
+        loads.contains(loads.IN_BANDS, 100, "force"),
+        loads.contains(loads.IN_BANDS, 100, "base", participation=1.3, shape=1.0),
     ],
     "run": [
         *constants(run), run.stopping(waits=True), run.stopping(waits=False),
