@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from jbw.errors import DataError
 from jbw.report import style
 from jbw.report.messages import figures as labels
-from jbw.report.result import branch
+from jbw.report.result import arrays, branch
 from jbw.report.style import INK, MODEL, SOFT, Panels, finish, panels, title
 from jbw.report.text import axis_label, length_unit, number, percent, plain
 
@@ -50,7 +50,7 @@ def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
     columns = 1 if count == 1 else COLUMNS
     lines = -(-count // columns)
     axes = panels(ax, lines, columns, height=0.4 + 2.2 * lines)
-    view = view_of(group["position"].values, group["deflection"].values)
+    view = view_of(*arrays(group, "position", "deflection"))
     for i, panel in enumerate(axes.flat):
         if i >= count:
             panel.set_visible(False)
@@ -79,9 +79,9 @@ def view_of(
 
 def _moved(group: xr.Dataset, mode: int, view: View) -> Float[np.ndarray, "node 2"]:
     """Return the displaced nodes of a mode shape, as projected in a view."""
-    position = group["position"].values
+    position, deflection = arrays(group, "position", "deflection")
     scale = EXAGGERATED * np.ptp(position, axis=0).max()
-    return (position + scale * group["deflection"].values[mode]) @ view.directions.T
+    return (position + scale * deflection[mode]) @ view.directions.T
 
 
 def _draw_shape(panel: Axes, group: xr.Dataset, mode: int, view: View) -> None:
@@ -180,7 +180,7 @@ def joint_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 def _draw_loop(pair: Panels, joint: xr.Dataset, units: xr.Dataset | None) -> None:
     """Draw a joint's loop, and below it the loop minus its secant line."""
     name = str(joint["joint"].values)
-    x, force = (np.append(joint[n].values, joint[n].values[0]) for n in ("motion", "loop"))
+    x, force = (np.append(values, values[0]) for values in arrays(joint, "motion", "loop"))
     peak = int(np.argmax(np.abs(x)))
     if x[peak] == 0:
         raise DataError(f"Joint {name} does not move.")

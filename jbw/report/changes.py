@@ -84,10 +84,11 @@ def side_by_side_table(record: RunsSideBySide) -> Table:
 def side_by_side_figure(record: RunsSideBySide, bands: xr.Dataset, ax: Any = None) -> Panels:
     """Draw frequency and damping of several runs against amplitude, with one colour per run."""
     axes = panels(ax, 1, 2, height=3.2)
-    factor, unit = length_unit(float(bands["amplitude"][-1]))
+    amplitude = bands["amplitude"].values
+    factor, unit = length_unit(float(amplitude[-1]))
     # Colours go from dark to light in the order of torque, so that they also differ in grey.
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(record.runs)))
-    x = factor * bands["amplitude"].values
+    x = factor * amplitude
     for only, (name, label) in zip(axes[0], QUANTITIES.items(), strict=True):
         scale = 100.0 if name == "damping" else 1.0
         for run, colour in zip(record.runs, colours, strict=True):

@@ -26,7 +26,16 @@ from jbw.report.responses import (
     level_colours,
     level_palette,
 )
-from jbw.report.result import fitted_text, frequency, node, quantiles, tests, unit_of, verified
+from jbw.report.result import (
+    arrays,
+    fitted_text,
+    frequency,
+    node,
+    quantiles,
+    tests,
+    unit_of,
+    verified,
+)
 from jbw.report.style import MODEL, shade
 from jbw.report.text import axis_label
 
@@ -161,7 +170,7 @@ def _loops(tree: xr.DataTree) -> Drawn:
     needed = ("measured_y", "measured_force", "model_y", "model_force")
     for name, test in tests(tree, "validation/loops", *needed):
         ax = _blank(xlabel="displacement [mm]", ylabel=labels.LESS_SECANT)
-        draw_loop(ax, test, secant(test["measured_y"].values, test["measured_force"].values))
+        draw_loop(ax, test, secant(*arrays(test, "measured_y", "measured_force")))
         yield f"Hysteresis loop {name}", ax
 
 

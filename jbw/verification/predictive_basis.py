@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from jbw.errors import ConfigError, DataError
 from jbw.identification.discrepancy import NOTHING, AtAmplitude, Discrepancy, discrepancy_in
 from jbw.inference.generator import generator
-from jbw.inference.posterior.summary import evenly_spaced
+from jbw.inference.posterior.summary import evenly_spaced, posterior_draws
 from jbw.measurement.curves import response_curve
 from jbw.measurement.records import INPUTS, RESPONSES, Test, belongs_to, drive_of, run_of
 from jbw.observables.dataset import Dataset, largest_displacement
@@ -284,7 +284,7 @@ def decay_attrs(data: Decays) -> dict[str, str]:
 def basis_of(tree: xr.DataTree) -> Basis:
     """Return the inputs of a run's predictions, read from its result."""
     laws, attrs = laws_of_run(tree), tree.attrs
-    posterior = tree["posterior"].to_dataset()
+    posterior = posterior_draws(tree)
     # Predicted measurements have the same instrument errors, so no uncertainty is added for them.
     if AS_RECORDED in tree.children:
         posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)

@@ -33,7 +33,7 @@ from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import law_variables
 from jbw.identification.usable import usable
 from jbw.inference.lanes import at_points
-from jbw.inference.posterior.summary import evenly_spaced
+from jbw.inference.posterior.summary import evenly_spaced, posterior_draws
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import Record, Test, share_clock
 from jbw.observables import dataset
@@ -185,7 +185,7 @@ def updated(
             remedy="Give records of a test in the campaign, and pass the campaign to "
             "jbw.load_study.",
         )
-    posterior = study.posterior["posterior"].to_dataset()
+    posterior = posterior_draws(study.posterior)
     sampled = {str(n): v for n, v in posterior.data_vars.items() if "lower" in v.attrs}
     data, part, test = _fitted(study, study.campaign)
     rows = evenly_spaced(posterior, num_particles)

@@ -415,7 +415,7 @@ OF_TOPICS = {
         stages.least_squares(12), stages.line_fit("noise"), stages.fitting_as("bouc_wen"),
     ],
     "study": [
-        *constants(study), *study.VARIABLES.values(),
+        *constants(study),
         study.step_2(1e-5, 1), study.step_2(1e-5, 4),
         study.neighbours([(18.8, 0.005), (20.0, 0.004)], 0.023),
         study.rigid_body("1.5 [1.4, 1.6]", "1/kg"), study.compliance("1.5 [1.4, 1.6]", "m/N"),

@@ -9,6 +9,7 @@ import xarray as xr
 from jbw.identification.linear_step import NAMES, LinearStep
 from jbw.identification.procedure import Posteriors
 from jbw.identification.step import Step
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.report.messages import paper_steps as messages
 
 CUT = {"third_order_nuts": ("zeta", "alpha", "delta"), "opening_nuts": ("gamma",)}
@@ -53,7 +54,7 @@ def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
     for name, names in CUT.items():
         if name not in steps:
             continue
-        draws = _moments(steps[name].posterior["posterior"].to_dataset(), steps[name].held)
+        draws = _moments(posterior_draws(steps[name].posterior), steps[name].held)
         # A step's parameter also determines its product with alpha, which the step fixes or draws.
         names = {*names, *(p for p, factor in PRODUCTS.items() if factor in names)}
         moments |= {parameter: draws[parameter] for parameter in draws if parameter in names}

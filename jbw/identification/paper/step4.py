@@ -24,6 +24,7 @@ from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.remedies import put_bounds
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.chunked_run import Keep, Supervision, no_checkpoint
 from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
@@ -196,7 +197,7 @@ def opening_steps(
         request = request._replace(num_chains=settings.num_chains, chain_method="vectorized")
         supervision = Supervision(kept=keep(name))
         tree = draw_posterior(draw_key, target, request, supervision=supervision, attrs=attrs())
-        finding = _series_finding(tree["posterior"].to_dataset(), curve, held, records)
+        finding = _series_finding(posterior_draws(tree), curve, held, records)
         steps[name] = finished(
             name, tree, prior, best, started,
             findings=(*verdict(tree, prior, chi_square=chi_square).findings, finding),
@@ -210,7 +211,7 @@ def of_draws(
     step: Step, quantity: Callable[[dict[str, NDArray[np.float64]]], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
     """Interpolate a smooth quantity to all draws of gamma, shape (chain, draw)."""
-    gamma = np.asarray(step.posterior["posterior"].to_dataset()["gamma"])
+    gamma = np.asarray(posterior_draws(step.posterior)["gamma"])
     grid = np.linspace(gamma.min(), gamma.max(), 9)
     draws = {n: np.full(9, v) for n, v in step.held.items()} | {"gamma": grid}
     return np.polynomial.Polynomial.fit(grid, quantity(draws), 4)(gamma)
