@@ -125,7 +125,7 @@ def predict(folder: Path, campaign: Path | None, **stated: Any) -> None:
         from jbw.campaign.gains import force_per_unit
         from jbw.campaign.load import load_campaign
         from jbw.law_comparison.stack import holds_laws
-        from jbw.population.folder import holds_population, require_same_torque
+        from jbw.population.basis import holds_population, require_same_torque
         from jbw.study.store import save_predictions
         from jbw.study.study import campaign_of, inputs_of
         from jbw.verification import predict as predicting
@@ -190,7 +190,7 @@ def basis_inputs(folder: Path) -> dict[str, str]:
 def basis_in(folder: Path) -> "Basis":
     """Return the basis of predictions in a folder: a run, compared laws, or a population."""
     from jbw.law_comparison.stack import basis_of_laws, holds_laws
-    from jbw.population.folder import basis_of_population, holds_population
+    from jbw.population.basis import basis_of_population, holds_population
     from jbw.study.study import basis_of_run
 
     if holds_laws(folder):

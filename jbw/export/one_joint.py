@@ -1,6 +1,5 @@
 """The export of a run's single joint: one draw of its posterior, with the bands of all draws."""
 
-import math
 import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -21,7 +20,6 @@ from jbw.export.chosen_draw import (
     stated_draw,
 )
 from jbw.export.joint_parts import Table, linear_parts, materials_of, skeletons, static_loops
-from jbw.inference.posterior.summary import shape_of
 from jbw.oscillator.law import Conversion
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import has_further_modes
@@ -203,7 +201,8 @@ def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Expor
 
 def every_draw(basis: Basis) -> Draws:
     """Return all draws of the main posterior and fixed parameters, without the source's gain."""
-    draws = basis.thinned(max(2, math.prod(shape_of(basis.posterior))))
+    sizes = basis.posterior.sizes
+    draws = basis.thinned(max(2, sizes["chain"] * sizes["draw"]))
     draws.pop("gain", None)
     return draws
 

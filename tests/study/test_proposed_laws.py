@@ -11,8 +11,8 @@ from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ModelError
 from jbw.identification.assemble import measured_in
-from jbw.identification.proposed_laws import candidates, chosen
 from jbw.study.identify import identify
+from jbw.study.prepared import candidates, chosen
 
 OMEGA, ZETA, FS = 2 * np.pi * 20.0, 0.004, 512.0
 FORCES = {
@@ -102,6 +102,6 @@ def test_a_law_that_cannot_be_solved_is_passed_over(tmp_path, monkeypatch):
     def refuse(*given, **options):
         raise ModelError("No start has a finite residual.", remedy="Try another law.")
 
-    monkeypatch.setattr("jbw.identification.proposed_laws.first_fit", refuse)
+    monkeypatch.setattr("jbw.study.prepared.first_fit", refuse)
     found = chosen(seen, ("bouc_wen", "cubic"), 0, lambda _: None)
     assert found == (seen, {}, "")
