@@ -58,22 +58,6 @@ class Cycles(NamedTuple):
     mean_squares: Values
 
 
-class Rule(NamedTuple):
-    """The Gauss-Legendre rule on [0, 1], with matrices for cumulative integrals and derivatives.
-
-    Attributes:
-        nodes: Nodes x.
-        weights: Weights of the integral over [0, 1].
-        integral: Matrix from values at the nodes to integrals from 0 to each node.
-        derivative: Matrix from values at the nodes to derivatives at the nodes.
-    """
-
-    nodes: Values
-    weights: Values
-    integral: Values
-    derivative: Values
-
-
 @dataclass(frozen=True, eq=False)
 class RandomResponse:
     """Stationary random motion, by amplitude, of shape (draw, level).
@@ -155,8 +139,8 @@ class RandomResponse:
 
         Divided by the rate of all peaks, it is the exceedance distribution of the peaks.
         """
-        levels, rate = rule(self.y.shape[1]), self.weight / self.cycles.period
-        return np.sum(rate, -1, keepdims=True) - (rate / levels.weights) @ levels.integral.T
+        (_, weights, integral, _), rate = rule(self.y.shape[1]), self.weight / self.cycles.period
+        return np.sum(rate, -1, keepdims=True) - (rate / weights) @ integral.T
 
     def largest(self, duration: float) -> Values:
         """Return the median of each draw's largest displacement [m] within a duration [s].
@@ -274,31 +258,34 @@ def _require_broad(found: RandomResponse) -> None:
 
 
 @cache
-def rule(count: int) -> Rule:
-    """Return the Gauss-Legendre rule with `count` nodes on [0, 1]."""
+def rule(count: int) -> tuple[Values, Values, Values, Values]:
+    """Return the nodes and weights of the Gauss-Legendre rule on [0, 1], and two matrices.
+
+    From values at the `count` nodes they give the integrals from 0 to each node, and derivatives.
+    """
     nodes, weights = legendre.leggauss(count)
     to_series = np.linalg.inv(legendre.legvander(nodes, count - 1))
     series = np.eye(count)
     integral = legendre.legval(nodes, legendre.legint(series, lbnd=-1)).T @ to_series
     derivative = legendre.legval(nodes, legendre.legder(series)).T @ to_series
-    return Rule(0.5 * (nodes + 1.0), 0.5 * weights, 0.5 * integral, 2.0 * derivative)
+    return 0.5 * (nodes + 1.0), 0.5 * weights, 0.5 * integral, 2.0 * derivative
 
 
 def cycles(motion: EquivalentMotion, y: Values) -> Cycles:
     """Return energy, action, period and mean squares of motion at amplitudes y (draw, any) [m]."""
-    phases = rule(PHASES)
-    angle = 0.5 * np.pi * phases.nodes
+    nodes, weights, integral, _ = rule(PHASES)
+    angle = 0.5 * np.pi * nodes
     draw = np.repeat(np.arange(y.shape[0]), y.shape[1])
     midline = motion.by_lanes(partial(_midlines, angle=angle), draw, y.ravel())
     midline = midline.reshape(*y.shape, -1)
     sine, cosine = np.sin(angle), np.cos(angle)
     half_pi, length = 0.5 * np.pi, y[..., None]
-    work = half_pi * length * ((midline * sine) @ phases.integral.T)
-    energy = half_pi * y * ((midline * sine) @ phases.weights)
+    work = half_pi * length * ((midline * sine) @ integral.T)
+    energy = half_pi * y * ((midline * sine) @ weights)
     with np.errstate(invalid="ignore"):
         v = np.sqrt(2.0 * work)
-    action = 4.0 * half_pi * y * ((v * sine) @ phases.weights)
-    time = 4.0 * half_pi * length * phases.weights * sine / v
+    action = 4.0 * half_pi * y * ((v * sine) @ weights)
+    time = 4.0 * half_pi * length * weights * sine / v
     period = np.sum(time, -1)
     squares = ((length * cosine) ** 2, v**2, midline**2)
     means = np.stack([np.sum(time * square, -1) / period for square in squares])

@@ -100,10 +100,10 @@ def parameters_table(summary: RunSummary, quantities: Names, *, shown: bool = Fa
 
 def _as_shown(row: StoredParameter) -> StoredParameter:
     """Return a parameter's numbers in the unit that the page shows."""
-    shown = shown_as(row.name, row.unit)
+    factor, unit, suffix = shown_as(row.name, row.unit)
     numbers = {key: getattr(row, key) for key in IN_UNIT}
-    scaled = {key: shown.factor * value for key, value in numbers.items() if value is not None}
-    return row.replaced(**scaled, unit=shown.unit, suffix=shown.suffix)
+    scaled = {key: factor * value for key, value in numbers.items() if value is not None}
+    return row.replaced(**scaled, unit=unit, suffix=suffix)
 
 
 def _unit(row: StoredParameter) -> str:

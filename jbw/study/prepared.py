@@ -71,9 +71,8 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
     if campaign.states_laws or several:
         return PreparedTests(measured, look, accepted.left_out)
-    found = chosen(measured, candidates(look.record.laws), seed, report)
-    sentences = *accepted.left_out, found.sentence
-    return PreparedTests(found.measured, look, sentences, found.theta)
+    measured, theta, sentence = chosen(measured, candidates(look.record.laws), seed, report)
+    return PreparedTests(measured, look, (*accepted.left_out, sentence), theta)
 
 
 def candidates(read: Sequence[str]) -> tuple[str, ...]:
@@ -92,15 +91,9 @@ def candidates(read: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys([*by_size([*read, *DEFAULT_LAWS]), *others]))
 
 
-class ChosenLaw(NamedTuple):
-    """The tests under the chosen law, its fit (empty if none was made), and a sentence on it."""
-
-    measured: Measured
-    theta: dict[str, float]
-    sentence: str
-
-
-def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> ChosenLaw:
+def chosen(
+    seen: Measured, laws: Sequence[str], seed: int, report: Report
+) -> tuple[Measured, dict[str, float], str]:
     """Fit laws in turn until one leaves white residuals; choose it, or the one that fits best.
 
     If no fit from one start leaves white residuals, each law gets all starts.
@@ -110,6 +103,9 @@ def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> Ch
         laws: Names of the laws, in the order of the fits.
         seed: Random seed.
         report: Function that is called with one sentence at every stage.
+
+    Returns:
+        Tests under the chosen law, its fit (empty if none was made), and a sentence on it.
     """
     fits: dict[str, dict[str, float]] = {}
     errors: dict[str, float] = {}
@@ -126,11 +122,11 @@ def chosen(seen: Measured, laws: Sequence[str], seed: int, report: Report) -> Ch
         if is_white:
             break
     if not errors:
-        return ChosenLaw(seen, {}, "")
+        return seen, {}, ""
     enough = AS_GOOD * min(errors.values())
     best_law = law if is_white else next(name for name in errors if errors[name] <= enough)
     report(sentence := messages.chosen_by_fits(best_law, errors, is_white=is_white))
-    return ChosenLaw(replace(seen, laws=(best_law,)), fits[best_law], sentence)
+    return replace(seen, laws=(best_law,)), fits[best_law], sentence
 
 
 def remains_of(best: Fit, data: Dataset) -> tuple[float, bool]:

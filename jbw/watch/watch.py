@@ -51,19 +51,10 @@ class Wishes:
     test: str | None = None  # name of the test whose kind and settings the records share
 
 
-@dataclass(frozen=True)
-class Watched:
-    """The state of a watch after a call: settings, all values, and the entries of this call."""
-
-    settings: WatchSettings
-    readings: list[WatchLine]
-    added: list[WatchLine]
-
-
 def watch(
     folder: Path, files: Sequence[Path], wishes: Wishes, *, campaign: Path | None = None,
     trend_at: TrendAt | None = None, say: Say = print,
-) -> Watched:  # fmt: skip
+) -> tuple[WatchSettings, list[WatchLine], list[WatchLine]]:  # fmt: skip
     """Read records, state for each whether the joint has changed, and append both to the log.
 
     The records of the run's own campaign come first, as references.
@@ -76,6 +67,9 @@ def watch(
         trend_at: A function such as `trend_of` with a fleet, which returns the trend of readings
             with torque; with it a change is also stated as a change of torque.
         say: A function that is called with one sentence about anything unusual.
+
+    Returns:
+        Settings, the lines of all records with frequency and damping, and the lines of `files`.
 
     Raises:
         ConfigError: The settings differ from those at the beginning of the watch, or are invalid.
@@ -111,7 +105,7 @@ def watch(
         added: list[WatchLine] = []
         for file in files:
             added += _of_file(file, table, spec, place, keeper)
-        return Watched(settings, keeper.readings, added)
+        return settings, keeper.readings, added
 
 
 class _Keeper:

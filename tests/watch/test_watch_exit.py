@@ -1,7 +1,5 @@
 """What a watch shows and how its command ends, by given readings."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from matplotlib.collections import FillBetweenPolyCollection
@@ -27,8 +25,7 @@ def test_an_alarm_ends_with_six_and_a_refused_record_alone_with_three(
     tmp_path, monkeypatch, added, code
 ):
     added = [line.replaced(record="a.csv", values=[20.0, -5.0]) for line in added]
-    watched = SimpleNamespace(settings=SETTINGS, readings=[], added=added)
-    monkeypatch.setattr("jbw.watch.watch.watch", lambda *_, **__: watched)
+    monkeypatch.setattr("jbw.watch.watch.watch", lambda *_, **__: (SETTINGS, [], added))
     monkeypatch.setattr(progress, "prepare_process", lambda: None)
     assert run(["watch", str(tmp_path)]) == code
 

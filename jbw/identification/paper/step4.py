@@ -7,7 +7,6 @@ at Chebyshev nodes determine it everywhere, and every sampler then uses the seri
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -123,24 +122,20 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
     return jnp.sqrt(jnp.maximum(misfit(theta["gamma"], curve), 1e-300)) / curve.noise_std
 
 
-class OpeningFit(NamedTuple):
-    """The initial fit of gamma in Step 4."""
-
-    curve: OpeningCurve  # Chebyshev series of the residual as a function of gamma
-    fit: Fit
-    box: Box  # prior of gamma
-    held: dict[str, float]  # fixed omega_n, zeta, alpha, delta and gain
-
-
 def fit_opening(
     key: Key, records: Records, linear: PooledFit, means: Mapping[str, float], settings: Identify
-) -> OpeningFit:
-    """Fit gamma initially, given the results of Step 2 and the `means` of Step 3."""
+) -> tuple[OpeningCurve, Fit, Box, dict[str, float]]:
+    """Fit gamma initially, given the results of Step 2 and the `means` of Step 3.
+
+    Returns:
+        Chebyshev series of the residual as a function of gamma, fit, prior of gamma, and the fixed
+        omega_n, zeta, alpha, delta and gain.
+    """
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": settings.prior.get("gamma", (0.0, REACH * means["delta"]))})
     curve = opening_curve(records, held, prior)
     best = fit(residual, prior, curve, starts=8, key=key)
-    return OpeningFit(curve, with_curvature(best, prior, curve), prior, held)
+    return curve, with_curvature(best, prior, curve), prior, held
 
 
 def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:

@@ -126,8 +126,7 @@ def _batch(
         truth, problem, to_draw, to_rank = _posed(key, model)
         drawn = draws_of(sampler, to_draw, problem, options)
         arrived = jnp.asarray(drawn.possible) & drawn.arrived
-        replication = _Replication(truth, problem.data, drawn.theta, arrived)
-        return _ranks(to_rank, replication, model)
+        return _ranks(to_rank, truth, problem.data, drawn.theta, arrived, model)
 
     return jax.vmap(replicate)(keys)
 
@@ -140,8 +139,7 @@ def _in_rounds(
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
     arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
     theta = {name: jnp.asarray(values) for name, values in drawn.theta.items()}
-    replication = _Replication(truth, problem.data, theta, jnp.asarray(arrived))
-    ranks = _ranks_alone(to_rank, replication, model)
+    ranks = _ranks_alone(to_rank, truth, problem.data, theta, jnp.asarray(arrived), model)
     return jax.tree.map(lambda value: value[None], ranks)
 
 
@@ -160,18 +158,11 @@ def _posed(
     return truth, problem, key_draws, key_rank
 
 
-class _Replication(NamedTuple):
-    """One replication: true values, simulated data, posterior draws, and whether sampling ended."""
-
-    truth: Mapping[str, Array]
-    data: PyTree
-    theta: Mapping[str, Float[Array, "chain draw"]]
-    arrived: Bool[Array, ""]
-
-
-def _ranks(key: Key[Array, ""], replication: _Replication, model: Model) -> Ranked:
+def _ranks(
+    key: Key[Array, ""], truth: Theta, data: PyTree, draws: Theta, arrived: Bool[Array, ""],
+    model: Model,
+) -> Ranked:  # fmt: skip
     """Return the rank of the true value of each quantity among its posterior draws."""
-    truth, data, draws, arrived = replication
 
     def values(theta: Theta) -> Float[Array, " quantity"]:
         parameters = [theta[name] for name in model.box.names]
