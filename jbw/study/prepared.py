@@ -61,18 +61,20 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     gain = force_per_unit(campaign)
     several = campaign.joints is not None
     several |= campaign.structure is not None and len(campaign.structure.modes) > 1
-    accepted = usable(campaign.tests, campaign.settings, gain, several_modes=several)
-    for sentence in accepted.left_out:
+    tests, left_out, line_fit = usable(
+        campaign.tests, campaign.settings, gain, several_modes=several
+    )
+    for sentence in left_out:
         report(sentence)
     if not several:
-        compile_beside(accepted.tests, campaign.laws)
+        compile_beside(tests, campaign.laws)
     report(stages.READING_RECORDS)
-    look = look_quietly(replace(campaign, tests=accepted.tests))
-    measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
+    look = look_quietly(replace(campaign, tests=tests))
+    measured = measured_in(campaign, report, tests, line_fit)
     if campaign.states_laws or several:
-        return PreparedTests(measured, look, accepted.left_out)
+        return PreparedTests(measured, look, left_out)
     measured, theta, sentence = chosen(measured, candidates(look.record.laws), seed, report)
-    return PreparedTests(measured, look, (*accepted.left_out, sentence), theta)
+    return PreparedTests(measured, look, (*left_out, sentence), theta)
 
 
 def candidates(read: Sequence[str]) -> tuple[str, ...]:

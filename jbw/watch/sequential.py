@@ -211,10 +211,8 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     """Return the data of a run's fitted decays, with their weights, and their test."""
     require_one_joint(campaign.joints, watch.CARRIED)
     gain = force_per_unit(campaign)
-    accepted = usable(campaign.tests, campaign.settings, gain)
-    seen = measured(
-        accepted.tests, campaign.settings, laws=campaign.laws, gain=gain, line_fit=accepted.line_fit
-    )
+    tests, _, line_fit = usable(campaign.tests, campaign.settings, gain)
+    seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain, line_fit=line_fit)
     data = assemble(seen)
     if campaign.structure is not None and len(campaign.structure.modes) > 1:
         raise DataError(
