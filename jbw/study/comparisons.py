@@ -28,6 +28,7 @@ from jbw.quantities import gain_unit, per
 from jbw.report.messages import paper_steps, stages
 from jbw.report.messages import study as messages
 from jbw.report.text import interval
+from jbw.results.run import StoredMoments, StoredRoutes
 from jbw.study.collect import collect
 from jbw.study.free_group import free_law_of
 from jbw.study.identifiability import Identifiability, look_again
@@ -124,14 +125,13 @@ def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[st
         return {}
     cut, both = _cut(linear, steps), _moments(joint.draws, joint.held)
     rows = {name: _row(cut[name], both[name]) for name in cut if name in both}
-    walls = {
-        "cut": sum(steps[name].wall_s for name in CUT if name in steps),
-        "joint": joint.wall_s + posteriors.checks.wall_s,
-    }
+    wall_of_cut = sum(steps[name].wall_s for name in CUT if name in steps)
+    wall_of_joint = joint.wall_s + posteriors.checks.wall_s
+    last = paper_steps.wall_time(wall_of_cut, wall_of_joint)
     return {
-        "parameters": rows,
-        "statements": _statements(rows, walls, steps),
-        "wall_time_s": {name: round(wall, 2) for name, wall in walls.items()},
+        "parameters": {name: row.plain() for name, row in rows.items()},
+        "statements": [*_statements(rows, steps), last],
+        "wall_time_s": {"cut": round(wall_of_cut, 2), "joint": round(wall_of_joint, 2)},
     }
 
 
@@ -162,31 +162,26 @@ def _moments(posterior: xr.Dataset, held: Mapping[str, float]) -> Moments:
     return {name: (float(x.mean()), float(x.std(ddof=1))) for name, x in draws.items()}
 
 
-def _row(cut: tuple[float, float], joint: tuple[float, float]) -> dict[str, Any]:
-    return {
-        "cut": {"mean": cut[0], "sd": cut[1]},
-        "joint": {"mean": joint[0], "sd": joint[1]},
-        "sd_ratio": joint[1] / cut[1] if cut[1] > 0 else None,
-        "difference": (cut[0] - joint[0]) / joint[1] if joint[1] > 0 else None,
-    }
+def _row(cut: tuple[float, float], joint: tuple[float, float]) -> StoredRoutes:
+    return StoredRoutes(
+        cut=StoredMoments(mean=cut[0], sd=cut[1]), joint=StoredMoments(mean=joint[0], sd=joint[1]),
+        sd_ratio=joint[1] / cut[1] if cut[1] > 0 else None,
+        difference=(cut[0] - joint[0]) / joint[1] if joint[1] > 0 else None,
+    )  # fmt: skip
 
 
-def _statements(
-    rows: Mapping[str, Any], walls: Mapping[str, float], steps: Mapping[str, Step]
-) -> list[str]:
+def _statements(rows: Mapping[str, StoredRoutes], steps: Mapping[str, Step]) -> list[str]:
     """Return the sentences that compare the sequential steps with the joint posterior."""
     sentences = []
     held = steps["opening_nuts"].held if "opening_nuts" in steps else {}
     gamma = rows.get("gamma")
     if gamma is not None and held:
         names = ", ".join(name for name in held if name != "gain")
-        ratio = gamma["sd_ratio"]
-        times = "unlike" if ratio is None else f"{ratio:.2g} times"
-        away = abs(gamma["difference"] or 0.0)
+        times = "unlike" if gamma.sd_ratio is None else f"{gamma.sd_ratio:.2g} times"
+        away = abs(gamma.difference or 0.0)
         far = f"{away:.2g}" if away < FAR else f"more than {FAR:g}"
         sentences.append(paper_steps.held_parameters(names, times, far))
-    apart = [name for name, row in rows.items() if abs(row["difference"] or 0.0) > 2.576]
+    apart = [name for name, row in rows.items() if abs(row.difference or 0.0) > 2.576]
     if apart:
         sentences.append(paper_steps.outside_interval(apart))
-    sentences.append(paper_steps.wall_time(walls["cut"], walls["joint"]))
     return sentences

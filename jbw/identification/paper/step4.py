@@ -216,7 +216,8 @@ def _series_finding(
     posterior: xr.Dataset, curve: OpeningCurve, held: Mapping[str, float], records: Records
 ) -> Finding:
     """Return the finding on the accuracy of the Chebyshev series within the posterior."""
-    gamma = jnp.asarray(np.quantile(posterior["gamma"].values, np.linspace(0.05, 0.95, 8)))
+    draws = posterior["gamma"].values
+    gamma = jnp.asarray(np.quantile(draws, np.linspace(0.05, 0.95, 8)))
     exact = misfits(gamma, dict(held), records)
     series = jax.vmap(lambda value: misfit(value, curve))(gamma)
     likelihoods = [
@@ -224,6 +225,6 @@ def _series_finding(
     ]
     error = np.asarray(jnp.sum(likelihoods[0] - likelihoods[1], axis=-1))
     worst = float(np.ptp(error))
-    low, high = (float(end) for end in np.quantile(posterior["gamma"].values, (0.0, 1.0)))
+    low, high = (float(end) for end in np.quantile(draws, (0.0, 1.0)))
     values, remedy = {"error": worst, "limit": WRONG}, {"line": put_bounds("gamma", (low, high))}
     return checked("series", worst < WRONG, values, worst, remedy)
