@@ -23,7 +23,6 @@ from jbw.assembly.factorisation import Sparse
 from jbw.assembly.joint import Joint
 from jbw.assembly.matrices import MatrixModel, ModalDamping, modal_damping
 from jbw.assembly.stuck_modes import (
-    ResidualModes,
     StuckModes,
     residual_modes,
     residual_shapes,
@@ -195,9 +194,9 @@ def reduce(
         _require_shares(joints, across, modes)
     attached, own, mass, whole = _residual_basis(stiffness, model.mass, modes, loads)
     limit = 2 * np.pi * to_hz * (_SLOWEST_RESIDUAL if slow_residual_modes else np.inf)
-    residual = residual_modes(own, mass, np.diag(whole), limit)
-    shapes = np.hstack((modes.shapes, attached @ residual.combinations))
-    omega = np.concatenate((modes.omega, residual.omega))
+    residual, combinations, slowed = residual_modes(own, mass, np.diag(whole), limit)
+    shapes = np.hstack((modes.shapes, attached @ combinations))
+    omega = np.concatenate((modes.omega, residual))
     H = across.T @ shapes
     damping = _damping(zeta, model, stiffness, joints, across, modes)
     num = len(joints)
@@ -212,7 +211,7 @@ def reduce(
         num_kept=modes.omega.size,
         residual_flexibility=own[:num, :num],
         flexibility=whole[:num, :num],
-        notes=(*model.notes, *_notes(model, modes, residual, limit), *damping.notes),
+        notes=(*model.notes, *_notes(model, modes, slowed, limit), *damping.notes),
         matrices=model,
         shapes=modes.shapes,
         holds_joints=holds_joints,
@@ -416,17 +415,15 @@ def _require_plausible(modes: StuckModes, units: str) -> None:
         )
 
 
-def _notes(
-    model: MatrixModel, modes: StuckModes, residual: ResidualModes, limit: float
-) -> list[str]:
+def _notes(model: MatrixModel, modes: StuckModes, slowed: np.ndarray, limit: float) -> list[str]:
     """Return notes on what the reduction did in addition to the request."""
     notes = []
     if massless := model.massless.size:
         notes.append(messages.massless(massless))
     if rigid := int(np.sum(modes.omega == 0)):
         notes.append(f"Rigid-body modes: {rigid}.")
-    if residual.slowed.size:
-        highest = residual.slowed[-1]
+    if slowed.size:
+        highest = slowed[-1]
         fastest = "infinity" if not np.isfinite(highest) else f"{highest / (2 * np.pi):.4g} Hz"
-        notes.append(messages.slowed(limit / (2 * np.pi), residual.slowed.size, fastest))
+        notes.append(messages.slowed(limit / (2 * np.pi), slowed.size, fastest))
     return notes

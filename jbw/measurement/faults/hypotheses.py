@@ -17,9 +17,8 @@ from jbw.measurement.faults.hypothesis import (
 from jbw.measurement.faults.lag import ClocksApart, Delay, LostBlock
 from jbw.measurement.faults.loop_hypotheses import HighPass, Slip, Wear, ZeroOfLoadCell
 from jbw.measurement.faults.offset import Offset
-from jbw.measurement.faults.outside_modes import OutsideModes
 from jbw.measurement.faults.second_blow import SecondBlow
-from jbw.measurement.faults.second_mode import SecondMode
+from jbw.measurement.faults.second_mode import OutsideModes, SecondMode
 from jbw.measurement.faults.steady_line import UndecayingLine
 from jbw.measurement.faults.swapped_channels import SwappedChannels
 from jbw.measurement.faults.unlike_gains import OwnFrequencies, UnlikeGain
