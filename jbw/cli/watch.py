@@ -110,4 +110,4 @@ def watch(
     )  # fmt: skip
     if any(line.alarm for line in new_lines):
         return ALARM
-    return REFUSED if any(line.kind == "refused" for line in new_lines) else 0
+    return REFUSED if any(line.entry == "refused" for line in new_lines) else 0

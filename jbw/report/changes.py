@@ -214,7 +214,7 @@ def watch_table(settings: WatchSettings, lines: Sequence[WatchLine]) -> Table:
         lines,
         number("number", lambda line: line.number, "d"),
         words("record", "record"),
-        Column("role", lambda line: line.role or line.kind, align="left"),
+        Column("role", lambda line: line.role or line.entry, align="left"),
         number("frequency [Hz]", lambda line: line.values[0] if line.values else None, ".4f"),
         number("damping [%]", _damping, ".4g"),
         number("T^2", lambda line: line.squared, ".3g"),

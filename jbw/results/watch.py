@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from pydantic import Field
+
 from jbw.results.stored import Number, Stored
 
 
@@ -22,7 +24,7 @@ class WatchSettings(Stored):
 class WatchLine(Stored):
     """A record of a watch: its values and statement, or the reason why it is refused."""
 
-    kind: str
+    entry: str = Field(alias="kind")  # reading, refused, or known: in the watch already
     number: int | None = None
     record: str = ""
     id: str = ""

@@ -121,7 +121,7 @@ class _Keeper:
     @property
     def readings(self) -> list[WatchLine]:
         """The records with frequency and damping."""
-        return [line for line in self.lines if line.kind == "reading"]
+        return [line for line in self.lines if line.entry == "reading"]
 
     def take(self, identity: str, record: Record) -> WatchLine:
         """Read a record and append its statement to the log, or the reason why it is refused."""
