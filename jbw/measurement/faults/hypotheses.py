@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 
-from jbw.measurement.faults.clipping import Clipping
+from jbw.measurement.faults.clipping import Clipping, Offset
 from jbw.measurement.faults.drop_off import DropOff
 from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.measurement.faults.hypothesis import (
@@ -16,11 +16,10 @@ from jbw.measurement.faults.hypothesis import (
 )
 from jbw.measurement.faults.lag import ClocksApart, Delay, LostBlock
 from jbw.measurement.faults.loop_hypotheses import HighPass, Slip, Wear, ZeroOfLoadCell
-from jbw.measurement.faults.offset import Offset
+from jbw.measurement.faults.plausibility import SwappedChannels
 from jbw.measurement.faults.second_blow import SecondBlow
 from jbw.measurement.faults.second_mode import OutsideModes, SecondMode
 from jbw.measurement.faults.steady_line import UndecayingLine
-from jbw.measurement.faults.swapped_channels import SwappedChannels
 from jbw.measurement.faults.unlike_gains import OwnFrequencies, UnlikeGain
 from jbw.measurement.faults.window import Window
 from jbw.measurement.readings.sweep import SweepFits
