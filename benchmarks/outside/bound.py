@@ -20,6 +20,8 @@ def bound(drawn: Drawn) -> tuple[float, float]:
     variance = (drawn.noise * size) ** 2
     if drawn.bits < 24:
         variance += (1.5 * size / 2 ** (drawn.bits - 1)) ** 2 / 12
+    if variance == 0:
+        return 0.0, 0.0
     plant, step = drawn.plant, STEP * drawn.zeta
 
     def slope(**by: float) -> Array:
@@ -37,7 +39,7 @@ def bound(drawn: Drawn) -> tuple[float, float]:
     # The damping ratio refers to the plant's own frequency, which changes with omega_n.
     columns = np.stack([slope(omega_n=step), slope(zeta=step), *nuisances])
     scale = size / max(float(np.max(np.abs(motion[order]))), 1e-300)
-    information = (columns * scale) @ (columns * scale).T / max(variance, 1e-300)
+    information = (columns * scale) @ (columns * scale).T / variance
     covariance = np.linalg.pinv(information, hermitian=True, rcond=1e-14)
     sd_omega, sd_zeta = np.sqrt(np.maximum(np.diag(covariance)[:2], 0.0))
     return float(sd_omega * drawn.hz), float(sd_zeta)

@@ -90,7 +90,8 @@ def _place(rng: Rng, drawn: Drawn, low: float = 0.3, high: float = 1.5) -> int:
 # ------------------------------------------------------------------------------- samples themselves
 @_fault(
     EVERY,
-    r"held|hold|repeat(ed|s) (each|every|sample)|equal (neighbou?rs|samples)|lower rate|same value",
+    r"held|hold|repeated for|repeats (each|every|sample)|equal (neighbou?rs|samples)|lower rate|"
+    r"same value",
 )
 def held_samples(rng: Rng, drawn: Drawn) -> Drawn:
     """Hold every second or third sample."""

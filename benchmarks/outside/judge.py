@@ -36,14 +36,15 @@ from .campaigns import (
     sound_campaign,
     stretched,
 )
-from .doors import CUT, Finding, Said, ask, draft, paste, quick
+from .doors import CUT, Finding, Row, Said, ask, draft, paste, quick
 from .faults import FAULTS, mishandled
 from .files import TIMES, truth_of_record, write_campaign
 from .outcomes import NEUTRAL, tables
 from .records import ANY, KINDS, Choice, Drawn, sound, specimen
 
-# smallest errors that jbw states, relative to zeta: of frequency, and of damping
+# smallest errors that jbw's documentation states, relative to zeta: of frequency, and of damping
 FLOOR = {"decay": (0.003, 0.003), "sweep": (0.01, 0.003)}
+AVERAGING = {"decay": 0.003, "sweep": 0.05}  # its constant c of first-order averaging
 # largest harmless errors of frequency and damping, relative to zeta
 RIGHT_HZ, RIGHT_ZETA = 0.3, 0.2
 # largest harmless errors: relative for stiffness, in critical damping for losses
@@ -221,10 +222,21 @@ def _widths(by_test: dict[str, Drawn], said: Said) -> dict[str, list[float]]:
         if rows and not drawn.fault:
             top = max(rows, key=lambda row: row.y)
             least_hz, least_zeta = bound(drawn)
-            hz_floor, zeta_floor = FLOOR.get(drawn.kind, FLOOR["sweep"])
-            of_hz.append(top.hz_sd / (least_hz + hz_floor * top.zeta * top.hz))
-            of_zeta.append(top.zeta_sd / (least_zeta + zeta_floor * top.zeta))
+            hz_floor, zeta_floor = _floor(drawn.kind, rows, top)
+            of_hz.append(top.hz_sd / (least_hz + hz_floor))
+            of_zeta.append(top.zeta_sd / (least_zeta + zeta_floor))
     return {"width_hz": of_hz, "width_zeta": of_zeta}
+
+
+def _floor(kind: str, rows: Sequence[Row], top: Row) -> tuple[float, float]:
+    """Return the lower bounds of errors that the documentation states, docs/theory/readings.md."""
+    of_hz, of_zeta = (x * top.zeta for x in FLOOR.get(kind, FLOOR["sweep"]))
+    share = AVERAGING.get(kind, 0.0) + top.zeta
+    hz_change = float(np.ptp([row.hz for row in rows]))
+    zeta_change = float(np.ptp([row.zeta for row in rows]))
+    averaged_hz = share * hz_change + hz_change**2 / top.hz + top.hz * top.zeta * zeta_change
+    averaged_zeta = share * zeta_change + top.zeta * hz_change / top.hz
+    return float(np.hypot(of_hz * top.hz, averaged_hz)), float(np.hypot(of_zeta, averaged_zeta))
 
 
 def _of_loops(made: Campaign, said: Said) -> dict[str, list[float]]:

@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-# Findings that name no fault: a record is short, coarse, or longer than needed.
+# Findings that name no fault: a record is short, coarse, noisy, or longer than needed.
 NEUTRAL = re.compile(
-    r"independent values|too short|hardly more than a record|coarse|changes nothing|"
-    r"distinct values|were both recorded",
+    r"independent values|too short|hardly more than the resolution|median coherence|coarse|"
+    r"changes nothing|distinct values|were both recorded",
     re.I,
 )
 # faults that do not change frequency and damping

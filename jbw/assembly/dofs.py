@@ -12,7 +12,8 @@ from jbw.report.messages import matrices as messages
 TRANSLATIONS = ("x", "y", "z")
 ROTATIONS = ("rx", "ry", "rz")
 SCALAR = "s"  # direction of a modal coordinate of a superelement, or of a scalar point
-ROW = "row"  # direction in a model without a table, whose rows are counted from 1
+# direction in a model without a table of degrees of freedom, whose rows are counted from 1
+ROW = "row"
 # Directions as programs write them: numbers 1 to 6 as in Abaqus and Nastran, 0 for a scalar point.
 _SPELLINGS = (
     {name: name for name in (*TRANSLATIONS, *ROTATIONS, SCALAR, ROW)}
@@ -24,7 +25,8 @@ _SPELLINGS = (
 )
 _LISTED = 5  # number of nearest nodes that an error message lists
 
-# One term "17:rx" or "17:rx*0.0025", a sequence of terms (their sum), or factors by name.
+# One term "17:rx" or "17:rx*0.0025", a sequence of terms (their sum), or a mapping of terms to
+# factors.
 Place = str | Sequence[str] | Mapping[str, float]
 Weights = Float[np.ndarray, " dof"]
 
@@ -40,7 +42,7 @@ class Dof(NamedTuple):
 
 
 def dof_of(node: object, direction: object) -> Dof:
-    """Return a degree of freedom from node and direction, given as numbers or as a file's names.
+    """Return a degree of freedom from node and direction, given as numbers or as a program's names.
 
     Raises:
         DataError: There is no such direction.
@@ -57,7 +59,7 @@ def dof_of(node: object, direction: object) -> Dof:
 
 
 def numbered_rows(size: int) -> tuple[Dof, ...]:
-    """Return the degrees of freedom of a model without a table: rows counted from 1."""
+    """Return degrees of freedom for a model without a table: its rows, counted from 1."""
     return tuple(Dof(str(i), ROW) for i in range(1, size + 1))
 
 
@@ -95,7 +97,7 @@ def weights_at(place: Place, dofs: Sequence[Dof], what: str) -> Weights:
 
 
 def terms_of(place: Place, what: str) -> list[tuple[Dof, float]]:
-    """Return the degrees of freedom of a point and their factors.
+    """Return the degrees of freedom of a point, and their factors.
 
     Args:
         place: Terms of the place, in a form of `Place`.
@@ -146,7 +148,7 @@ def _absent(dof: Dof, dofs: Sequence[Dof], what: str) -> ConfigError:
 
 
 def _nearest(node: str, dofs: Sequence[Dof]) -> list[str]:
-    """Return the nodes with the nearest numbers, or the first nodes if names are no numbers."""
+    """Return the nodes with the nearest numbers; the first nodes if names are not numbers."""
     nodes = list(dict.fromkeys(dof.node for dof in dofs))
     numbered = [name for name in nodes if name.lstrip("-").isdigit()]
     if node.lstrip("-").isdigit() and numbered:

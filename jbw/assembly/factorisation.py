@@ -9,10 +9,11 @@ import scipy.sparse.linalg
 
 from jbw.errors import ModelError
 
-DENSE_BELOW = 500  # number of degrees of freedom below which matrices are solved as dense ones
+DENSE_BELOW = 500  # number of degrees of freedom below which matrices are treated as dense
 # This is a `scipy.sparse.csc_array`, which type checkers cannot follow.
 Sparse = Any
-Solve = Callable[[np.ndarray], np.ndarray]  # function of one load, or of several loads as columns
+# function that solves for one load, or for several loads as columns
+Solve = Callable[[np.ndarray], np.ndarray]
 
 
 def solver_of(matrix: Sparse) -> Solve:
@@ -35,7 +36,7 @@ def solver_of(matrix: Sparse) -> Solve:
 
 
 def negative_pivots(matrix: Sparse) -> np.ndarray:
-    """Return rows of negative pivots of L D L^T: as many as negative eigenvalues (Sylvester's law).
+    """Return rows with negative pivots of L D L^T: one for each negative eigenvalue (Sylvester).
 
     If the elimination must leave the diagonal, the only row is that of the largest component of the
     lowest eigenvector, and there is none if its eigenvalue is positive.
@@ -45,7 +46,7 @@ def negative_pivots(matrix: Sparse) -> np.ndarray:
         if np.array_equal(factor.perm_r, factor.perm_c):
             pivots = factor.U.diagonal()
             return np.sort(np.argsort(factor.perm_c)[pivots < 0])
-    except RuntimeError:  # raised for a pivot of exactly zero
+    except RuntimeError:  # raised if a pivot is exactly zero
         pass
     if matrix.shape[0] < DENSE_BELOW:
         values, vectors = np.linalg.eigh(matrix.toarray())

@@ -11,7 +11,7 @@ _ROUND_OFF = 1e-9
 
 @dataclass(frozen=True, init=False)
 class Joint:
-    r"""A scalar joint $F_j(x_j)$ with the relative motion $x_j = w_j^Tq$.
+    r"""A scalar joint with force $F_j(x_j)$ and relative motion $x_j = w_j^Tq$.
 
     Attributes:
         name: Name of the joint.

@@ -49,7 +49,7 @@ class JointUnits(NamedTuple):
 
 
 def joint_units(system: str, *, rotates: bool) -> JointUnits:
-    """Return the units of a joint that moves by a length or, with `rotates`, by an angle."""
+    """Return the units of a joint that moves by a length; with `rotates`, by an angle."""
     units = system_named(system)
     force, length, time = units.names
     if rotates:
@@ -65,7 +65,7 @@ def rotates(terms: Terms) -> bool:
 
 
 def terms_in(units: JointUnits, terms: Terms) -> tuple[tuple[Dof, float], ...]:
-    """Return the factors of a joint's degrees of freedom in the model's system of units."""
+    """Return the factors of a joint's degrees of freedom in the system of units of the model."""
     si = {True: units.length, False: 1.0}
     return tuple(
         (dof, weight * si[dof.direction in TRANSLATIONS] / units.motion) for dof, weight in terms

@@ -26,15 +26,15 @@ from jbw.assembly.units import in_si, system_named
 from jbw.errors import DataError, ModelError
 from jbw.report.messages import matrices as messages
 
-# asymmetry of entries, relative to sqrt(A_ii A_jj): round-off, and too large
+# asymmetry of entries, relative to sqrt(A_ii A_jj), that is round-off, and that is too large
 _ROUND_OFF, _ASYMMETRIC = 1e-10, 1e-6
 # Fraction of the diagonal that is added before negative pivots of a mass matrix are counted.
 _SEMIDEFINITE = 1e-12
 _POWER_OF_TIME = {"K": 0, "C": 1, "M": 2}
-# largest residual of the damping matrix in this form, relative to the norm of C, with rows divided
-# by the root of K_s
+# largest residual of a damping matrix of mass, stiffness and dashpot terms, relative to the norm of
+# C, with rows divided by the root of K_s
 _FORM = 1e-8
-_NONE = 1e-9  # A dashpot smaller than this part of the largest modal damping is round-off.
+_NONE = 1e-9  # A dashpot smaller than this fraction of the largest modal damping is round-off.
 _COUPLED = 0.1  # relative off-diagonal damping above which a warning is given
 _SAID = 1e-6  # relative off-diagonal damping above which a note is made
 
@@ -78,7 +78,7 @@ class MatrixModel:
 
     @property
     def massless(self) -> np.ndarray:
-        """The numbers of the rows (degrees of freedom) that have no mass."""
+        """The indices of the rows (degrees of freedom) that have no mass."""
         return np.flatnonzero(abs(self.mass).sum(axis=0) == 0)
 
     def __repr__(self) -> str:
@@ -96,7 +96,7 @@ def matrix_model(
     damping: Any = None,
     nodes: Mapping[str, tuple[float, float, float]] | None = None,
 ) -> MatrixModel:
-    """Return a model from matrices, dense or sparse, with all checks that `read_matrices` makes.
+    """Return a model from dense or sparse matrices, with all checks that `read_matrices` makes.
 
     Args:
         mass: Mass matrix M.
@@ -164,7 +164,7 @@ def _row(dof: Dof | tuple[Any, Any] | str) -> Dof:
 
 
 def _square(name: str, matrix: Any) -> Sparse:
-    """Return a matrix as a sparse float64 matrix, checked for shape and finite numbers."""
+    """Return a matrix in sparse float64 form, after checks of shape and finite numbers."""
     stored = _sparse(matrix if sp.issparse(matrix) else np.atleast_2d(np.asarray(matrix)))
     if np.iscomplexobj(stored.data):
         raise DataError(
@@ -192,7 +192,7 @@ def _sparse(matrix: Any) -> Sparse:
 
 
 def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse, str]:
-    """Return a matrix's symmetric part, and a sentence if the matrix was clearly asymmetric."""
+    """Return the symmetric part of a matrix, and a sentence if it was clearly asymmetric."""
     size = np.sqrt(np.abs(matrix.diagonal()))
     largest = max(float(size.max()), float(np.sqrt(abs(matrix).max())) if matrix.nnz else 0.0)
     size[size == 0.0] = largest or 1.0
@@ -224,7 +224,7 @@ def _is_triangle(matrix: Sparse) -> bool:
 
 
 def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:
-    """Raise if a mass matrix is negative in some direction; massless rows of zeros are allowed."""
+    """Raise if a mass matrix has a negative eigenvalue; rows without mass are allowed."""
     diagonal = mass.diagonal()
     carries = np.flatnonzero(abs(mass).sum(axis=0) > 0)
     if carries.size == 0:
@@ -270,7 +270,7 @@ def modal_damping(
     modes: StuckModes,
     names: Sequence[str],
 ) -> ModalDamping:
-    """Return damping ratios from C's diagonal, and dashpots if they explain all off-diagonal terms.
+    """Return damping ratios from C's diagonal, and dashpots if they explain its off-diagonal terms.
 
     Raises:
         ModelError: C supplies energy to a mode.
@@ -302,7 +302,7 @@ def modal_damping(
 def _of_form(
     damping: Sparse, mass: Sparse, stiffness: Sparse, across: np.ndarray
 ) -> np.ndarray | None:
-    """Fit a damping matrix by mass, stiffness and dashpot terms; None if the residual is large."""
+    """Fit mass, stiffness and dashpot terms to a damping matrix; None if the residual is large."""
     size = np.sqrt(np.abs(stiffness.diagonal()))
     scale = sp.diags_array(1 / np.where(size > 0, size, 1.0))
     weights = sp.csc_array(across)
@@ -319,7 +319,7 @@ def _of_form(
 
 
 def _left_out(reduced: np.ndarray, diagonal: np.ndarray) -> tuple[str, ...]:
-    """Return a note on the largest omitted off-diagonal damping, if any; warn if it is large."""
+    """Return a note on the largest neglected off-diagonal damping, if any; warn if it is large."""
     size = np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
     coupling = np.abs(reduced) / np.outer(size, size)
     np.fill_diagonal(coupling, 0.0)

@@ -32,19 +32,20 @@ from jbw.assembly.stuck_modes import (
 from jbw.errors import ConfigError, ModelError
 from jbw.report.messages import matrices as messages
 
-_SLOWEST_RESIDUAL = 5.0  # highest frequency of slowed residual modes, in multiples of to_hz
-# A mode does not move a joint whose motion is smaller than this part of that of its degrees of
-# freedom.
+# largest frequency of residual modes that are slowed down, as a multiple of to_hz
+_SLOWEST_RESIDUAL = 5.0
+# A mode does not move a joint if the joint's motion is below this fraction of the motion of its
+# degrees of freedom.
 _STILL = 1e-9
 _PARALLEL = 1e-10  # 1 - |cos| between the weights of two joints that act at the same point
-_ROUND_OFF = 1e-6  # amount by which a share of energy may exceed 1 through round-off
+_ROUND_OFF = 1e-6  # excess of a share of energy over 1 that counts as round-off
 _PLAUSIBLE_HZ = (1e-2, 1e5)
 _SHOWN = 5
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ReducedModel:
-    """The modes of the fully stuck structure and residual modes, of unit modal mass, in SI.
+    """The modes of the fully stuck structure, and residual modes, with unit modal mass in SI.
 
     Kept modes come first; residual modes follow and obey the same equations.
 
@@ -101,7 +102,7 @@ class ReducedModel:
 
     @property
     def frequencies_hz(self) -> Float[np.ndarray, " kept"]:
-        """The natural frequencies of the kept modes with fully stuck joints [Hz]."""
+        """The natural frequencies [Hz] of the kept modes, with fully stuck joints."""
         return self.omega[: self.num_kept] / (2 * np.pi)
 
     def frequencies_at(self, stiffness: Sequence[float] | np.ndarray) -> np.ndarray:
@@ -220,7 +221,7 @@ def reduce(
 
 
 def structure_of_joints(reduced: ReducedModel) -> Any:
-    """Return the `jbw.Structure` of a reduced model, in the form for one joint or for several.
+    """Return the `jbw.Structure` of a reduced model, in its form for one joint or several.
 
     Dashpots act across the joints, and modes have the rest of their damping ratios.
     """
@@ -268,7 +269,7 @@ def _damping(
     across: np.ndarray,
     modes: StuckModes,
 ) -> ModalDamping:
-    """Return the kept modes' stated damping ratios, or those of the model's damping matrix."""
+    """Return the kept modes' damping ratios, as stated or from the model's damping matrix."""
     if zeta is None:
         if model.damping is None:
             raise ConfigError(
@@ -300,7 +301,7 @@ def _damping(
 def _of_every_mode(
     damping: ModalDamping, omega: np.ndarray, H: np.ndarray
 ) -> Float[np.ndarray, " mode"]:
-    """Return the damping ratios of all modes; residual modes take the last kept mode's.
+    """Return the damping ratios of all modes; a residual mode has that of the last kept mode.
 
     If the damping matrix consists of mass, stiffness and dashpot terms, it gives those of residual
     modes, too.
@@ -334,7 +335,7 @@ def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
 
 
 def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
-    """Raise if the weights of a joint cancel, or if two joints act at the same point."""
+    """Raise if the weights of a joint cancel each other, or if two joints act at the same point."""
     norms = np.linalg.norm(across, axis=0)
     for joint, norm in zip(joints, norms, strict=True):
         if norm == 0:
@@ -383,7 +384,7 @@ def _require_participation(
 
 
 def _require_shares(joints: Sequence[Joint], across: np.ndarray, modes: StuckModes) -> None:
-    r"""Raise if joints have more than the whole strain energy of a mode."""
+    r"""Raise if the joints' shares of a mode's strain energy exceed the whole."""
     springs = np.array([joint.stiffness for joint in joints])
     energy = springs @ (across.T @ modes.shapes) ** 2
     floor = modes.omega[modes.omega > 0].min(initial=np.inf) ** 2
@@ -416,7 +417,7 @@ def _require_plausible(modes: StuckModes, units: str) -> None:
 
 
 def _notes(model: MatrixModel, modes: StuckModes, slowed: np.ndarray, limit: float) -> list[str]:
-    """Return notes on what the reduction did in addition to the request."""
+    """Return notes on steps of the reduction that were not requested."""
     notes = []
     if massless := model.massless.size:
         notes.append(messages.massless(massless))

@@ -24,7 +24,7 @@ from jbw.report.messages import matrices as messages
 # angle between columns of B [degrees] below which two joints cannot be separated
 INSEPARABLE_DEGREES = 5.0
 _SHOWN_DEGREES = 0.1
-# A joint does not move in a mode if its energy share, or squared relative motion, is smaller.
+# A joint does not move in a mode if its energy share or its squared relative motion is below this.
 _MOVES = 1e-9
 
 Likeness = Literal["same motion", "mirror images"]
@@ -50,7 +50,7 @@ class InseparablePair(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class JointSeparability:
-    """The separability matrix B of modes and joints, and which joints the modes can separate.
+    """The separability matrix B of modes and joints, and the joints that the modes can separate.
 
     Attributes:
         modes: Indices of the modes, the rows of B.
@@ -71,11 +71,11 @@ class JointSeparability:
 
     @property
     def over_largest(self) -> Float[np.ndarray, "mode joint"]:
-        """The separability matrix B with every row divided by its largest entry, for tables."""
+        """The separability matrix B with every row divided by its largest entry, as for tables."""
         return self.participation / self.participation.max(axis=1, keepdims=True)
 
     def loss_shares(self, opening: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Return the share of each joint in the losses of every mode in small motion.
+        """Return each joint's share in the losses of every mode at small motion.
 
         Args:
             opening: O_j of every joint, alpha_j gamma_j for Bouc-Wen laws.
@@ -201,7 +201,7 @@ def _of_groups(
 def moving_modes(
     model: ReducedModel | Float[np.ndarray, "joint mode"],
 ) -> Bool[np.ndarray, " mode"]:
-    """Return True for kept modes that move a joint, by energy share or motion above round-off."""
+    """Return which kept modes move a joint: energy share or motion are above round-off."""
     if isinstance(model, ReducedModel):
         return energy_shares(model).max(axis=0) > _MOVES
     H = np.atleast_2d(np.asarray(model, float))
@@ -220,8 +220,8 @@ def _angles(matrix: np.ndarray) -> np.ndarray:
     """Return the angles between a matrix's columns [degrees]; 90 for a column of zeros."""
     norms = np.linalg.norm(matrix, axis=0)
     unit = matrix / np.where(norms > 0, norms, 1.0)
-    # Small angles are computed from differences of unit vectors: the arc cosine would lose half of
-    # the digits.
+    # Compute small angles from differences of unit vectors: the arc cosine would lose half of the
+    # digits.
     apart = np.linalg.norm(unit[:, :, None] - unit[:, None, :], axis=0)
     angles = np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
     return np.where(np.outer(norms > 0, norms > 0), angles, 90.0)

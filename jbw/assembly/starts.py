@@ -20,7 +20,7 @@ from scipy.stats import chi2
 from jbw.assembly.separability import JointSeparability
 from jbw.errors import ConfigError
 
-# significance level: part of correct sets of joints that the test rejects by chance
+# significance level: fraction of correct sets of joints that the test rejects by chance
 BY_CHANCE = 0.01
 
 
@@ -44,7 +44,7 @@ class JointStarts:
 
     @property
     def explains(self) -> bool | None:
-        """Whether the estimated joints explain the modes; None without a degree of freedom."""
+        """Whether the estimated joints explain the modes; None if there is no degree of freedom."""
         return None if np.isnan(self.p) else self.p >= BY_CHANCE
 
 
@@ -53,7 +53,7 @@ def joint_starts(
     readings: Float[np.ndarray, " mode"],
     covariance: Float[np.ndarray, "mode mode"],
 ) -> JointStarts:
-    """Estimate each joint's softening S_j (or loss O_j) from fits of single modes, not negative.
+    """Estimate each joint's non-negative softening S_j (or loss O_j) from fits of single modes.
 
     Args:
         separability: Separability B of the modes that were read.
@@ -112,7 +112,7 @@ def joint_starts(
 
 
 def _errors(columns: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the standard errors of the joints whose estimate is above zero."""
+    """Return the standard errors of those joints whose estimate is above zero."""
     errors = np.full(free.size, np.nan)
     _, triangle = np.linalg.qr(columns[:, free])
     if np.all(np.abs(np.diag(triangle)) > 0):

@@ -26,19 +26,19 @@ from jaxtyping import Float
 from jbw.assembly.factorisation import DENSE_BELOW, Solve, Sparse, negative_pivots, solver_of
 from jbw.errors import ConfigError, ModelError
 
-_SHIFT = 0.05  # shift, relative to to_hz (as frequencies)
-RIGID = 1e-4  # Modes slower than this part of to_hz are rigid-body modes.
-_BEYOND = 2  # number of modes requested above to_hz, so that none below it is missed
-_FIRST_GUESS = 12  # number of modes that are requested at first
-_SAME_FREQUENCY = 1e-6  # relative difference up to which two frequencies count as equal
+_SHIFT = 0.05  # frequency of the shift, as a fraction of the limit to_hz
+RIGID = 1e-4  # A mode is a rigid-body mode if its frequency is below this fraction of to_hz.
+_BEYOND = 2  # number of modes that are requested above to_hz, so that none below it is missed
+_FIRST_GUESS = 12  # number of modes in the first request
+_SAME_FREQUENCY = 1e-6  # relative difference up to which two frequencies are equal
 _MOST_SWEEPS = 50
 _TOLERANCE: Any = 1e-13  # tolerance of Lanczos' method; the type stubs require an integer
-# Columns and combinations smaller than this part of the largest one are omitted.
+# Columns and combinations smaller than this fraction of the largest one are omitted.
 _DEPENDENT = 1e-10
 
 
 class StuckModes(NamedTuple):
-    """The modes of the stuck structure up to a frequency.
+    """The modes of the structure with fully stuck joints, up to a frequency.
 
     Attributes:
         omega: Natural frequencies, ascending; 0 for a rigid-body mode [rad/s].
@@ -54,7 +54,7 @@ class StuckModes(NamedTuple):
 
 
 def stuck_modes(stiffness: Sparse, mass: Sparse, to_hz: float) -> StuckModes:
-    """Return the modes of (M, K_s) up to a frequency [Hz].
+    """Return the modes of the fully stuck structure (M, K_s) up to a frequency [Hz].
 
     Raises:
         ConfigError: No mode lies below `to_hz`.
@@ -85,10 +85,11 @@ def stuck_modes(stiffness: Sparse, mass: Sparse, to_hz: float) -> StuckModes:
 def _lowest(
     shifted: Sparse, mass: Sparse, solve: Solve, limit: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the eigenvalues of (shifted, M) up to a limit and a few above it, with mode shapes."""
+    """Return the eigenvalues of (shifted, M) up to a limit, and a few above, with mode shapes."""
     size = mass.shape[0]
     if size < DENSE_BELOW:
-        # M v = mu (K_s - shift M) v with mu = 1/eigenvalue; mu = 0 for massless degrees of freedom.
+        # Solve M v = mu (K_s - shift M) v, where mu = 1/eigenvalue; mu = 0 for massless degrees of
+        # freedom.
         reciprocals, vectors = scipy.linalg.eigh(mass.toarray(), shifted.toarray())
         order = np.argsort(-reciprocals)
         reciprocals, vectors = reciprocals[order], vectors[:, order]
@@ -112,7 +113,7 @@ def _lowest(
 
 
 def _require_positive(shifted: Sparse, stiffness: Sparse, mass: Sparse, shift: float) -> None:
-    """Raise if K_s has an eigenvalue below the shift."""
+    """Raise if the stiffness matrix K_s of stuck joints has an eigenvalue below the shift."""
     if negative_pivots(shifted).size == 0:
         return
     while negative_pivots(sp.csc_array(stiffness - shift * mass)).size:
@@ -139,7 +140,7 @@ def _indefinite(lowest: float) -> ModelError:
 
 
 def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit: float) -> None:
-    """Raise if Lanczos' method missed a mode, by Sylvester's count of eigenvalues below a limit."""
+    """Raise if Lanczos' method has missed a mode, by Sylvester's count of eigenvalues."""
     if mass.shape[0] < DENSE_BELOW:
         return
     below = int(np.sum(eigenvalues <= limit))
@@ -155,14 +156,14 @@ def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit
 
 
 def _signed(shapes: np.ndarray) -> np.ndarray:
-    """Return mode shapes with a positive largest component (the first if several are equal)."""
+    """Return mode shapes whose largest component (the first, if several) is positive."""
     sizes = np.abs(shapes)
     first = np.argmax(sizes >= (1 - _SAME_FREQUENCY) * sizes.max(axis=0), axis=0)
     return shapes * np.sign(shapes[first, np.arange(shapes.shape[1])])
 
 
 def rotated_clusters(modes: StuckModes, loads: Float[np.ndarray, "dof load"]) -> StuckModes:
-    """Rotate modes of equal frequency, so that as few of them as possible respond to each load.
+    """Rotate modes of equal frequency, so that as few as possible of them respond to each load.
 
     Modes of equal frequency are rotated: in a pair, only one mode moves the first load. Otherwise
     the participation factors of coincident modes are arbitrary, and change with the last digit of
@@ -189,7 +190,7 @@ def residual_shapes(
     modes: StuckModes,
     loads: Float[np.ndarray, "dof load"],
 ) -> Float[np.ndarray, "dof load"]:
-    r"""Return residual attachment modes: static response to loads minus that of the kept modes.
+    r"""Return residual attachment modes: the static response to loads that kept modes leave out.
 
     $$\Psi = K_s^{-1}W - \Phi\Lambda^{-1}\Phi^TW$$
 

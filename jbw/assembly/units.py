@@ -22,7 +22,7 @@ from jbw.units import INCH, POUND_FORCE
 
 
 class ConsistentUnits(NamedTuple):
-    """A system of units in which force = mass x length / time^2 without a factor."""
+    """A system of units in which force = mass x length / time^2 has no additional factor."""
 
     length: float  # unit of length [m]
     time: float  # unit of time [s]
@@ -39,7 +39,7 @@ SYSTEMS = {
 
 
 def system_named(units: str) -> ConsistentUnits:
-    """Return the system of units of a name in `SYSTEMS`.
+    """Return the system of units with a name from `SYSTEMS`.
 
     Raises:
         ConfigError: There is no such system.
@@ -57,7 +57,7 @@ def system_named(units: str) -> ConsistentUnits:
 def in_si(
     matrix: Sparse, dofs: Sequence[Dof], system: ConsistentUnits, power_of_time: int
 ) -> Sparse:
-    """Return a matrix in SI; `power_of_time` is 0 for stiffness, 1 for damping, 2 for mass.
+    """Return a matrix in SI; `power_of_time` is 0 for stiffness, 1 for damping and 2 for mass.
 
     Raises:
         ConfigError: The matrix is not in SI, and it is unknown which rows are rotations.

@@ -5,6 +5,7 @@ Findings stop nothing here: every channel of the campaign is checked to the end.
 
 import json
 import re
+from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -37,7 +38,7 @@ from jbw.measurement.faults.lag_of_noise import untimely
 from jbw.measurement.faults.long_records import DRIFTS, long_records
 from jbw.measurement.faults.loops import loop_causes, one_sided, travels_freely
 from jbw.measurement.faults.plausibility import doubts, swapped
-from jbw.measurement.faults.unlike_gains import unlike_gains
+from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.readings.table import ModeReading
@@ -117,7 +118,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
     levels = [level for test in tests for level in test.levels]
     by_name = {test.name: test for test in spec.tests}
     repeated = ((name, beside_stated(fault, by_name[name])) for name, fault in held_twice(sources))
-    compared = [*repeated, *against_levels(levels)]
+    compared = [*repeated, *against_levels(levels), *_unlike_gains(spec.tests, tests)]
     codes = refused.union(*(test.codes for test in tests))
     codes |= {DataError.exit_code} if worst(fault for _, fault in compared) == "error" else set()
     seen = [sentence for test in tests for sentence in test.seen]
@@ -226,6 +227,20 @@ def _checked_test(
         failed = []
     checked.small_records.clear()
     return checked
+
+
+def _unlike_gains(
+    specs: Sequence[TestSpec], checked: Sequence[_CheckedTest]
+) -> Iterator[tuple[str, Fault]]:
+    """Yield findings on gains that differ between tests with the same channels and point."""
+    setups: dict[tuple[str, ...], dict[str, list[tuple[str, float]]]] = defaultdict(dict)
+    for spec, test in zip(specs, checked, strict=True):
+        if test.gains:
+            (first,) = test.first
+            setups[first.response, first.source, spec.point][spec.name] = test.gains
+    for (role, source, _), gains in setups.items():
+        for name, fault in unlike_tests(gains, role, source):
+            yield name, beside_stated(fault, next(spec for spec in specs if spec.name == name))
 
 
 def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:

@@ -23,18 +23,20 @@ from jbw.forced.equivalent import EquivalentLoops, EquivalentMotion, Values
 from jbw.forced.roots import bracketed_root
 from jbw.forced.table import LoopTable, tabulated
 
-# numbers of amplitudes in the tables in which a peak is searched: at first, and refined
+# numbers of amplitudes in the table in which a peak is searched: first a coarse, then a fine one
 COARSE, FINE = 16, 96
 POINTS = 160  # number of points on each side of a curve's peak
-ROUNDS = 4  # iterations for the frequency; each reduces the error by a factor of about zeta^2
-MOST_ROUNDS = 12  # largest number of corrections by the loops themselves in place of the table
-# smallest relative changes of level or frequency, and slope at a fold, in iterations
+# number of iterations for the frequency; each reduces the error by a factor of about zeta^2
+ROUNDS = 4
+# largest number of iterations with exact loops, which correct a result from the table
+MOST_ROUNDS = 12
+# limits at which iterations stop: relative change of level or frequency, and slope at a fold
 CLOSE, FLAT = 1e-11, 1e-6
-# number of extensions of the first table to larger amplitudes, by a factor of 4 each
+# number of times the first table is extended, each time to four times the largest amplitude
 MOST_EXTENSIONS = 6
-# parameter t at which the amplitude is that of half power, Y_peak / cosh(t)
+# curve parameter t at half power, where the amplitude is Y_peak / cosh(t)
 HALF = np.arccosh(np.sqrt(2.0))
-# Relative step of the curve parameter for the tangent at a fold.
+# Step of the curve parameter with which the tangent at a fold is computed by differences.
 SURE = 1e-6
 
 
@@ -115,7 +117,7 @@ class ForcedCurve:
 
 
 def least_omega(loops: EquivalentLoops) -> Values:
-    """Return the peak frequency [rad/s] of the response curve whose peak has a given amplitude.
+    """Return the frequency [rad/s] of the peak of a response curve that has a given peak amplitude.
 
     The function G has its minimum there. The frequency is NaN where the equivalent stiffness
     permits no resonance.
@@ -139,7 +141,7 @@ def peak_level(loops: EquivalentLoops, y: Values) -> Values:
 
 
 def curve_points(loops: EquivalentLoops, level: Values, y: Values, side: Values) -> ForcedCurve:
-    r"""Return points of response curves at amplitudes y, on one side of the peak.
+    r"""Return points of response curves at given amplitudes y, on one side of the peak.
 
     The slope of the force at a fixed frequency is
 
@@ -168,7 +170,7 @@ def curve_points(loops: EquivalentLoops, level: Values, y: Values, side: Values)
 
 
 def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
-    """Return the highest point of each response curve, on the branch from small amplitude.
+    """Return the highest point of each response curve, on the branch from small amplitudes.
 
     Args:
         motion: The draws of the joint.
@@ -178,7 +180,7 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
         ModelError: A curve has no peak: the damping is too heavy, or the joint loses its stiffness.
     """
     level = np.broadcast_to(level, (len(motion.omega_n), np.shape(level)[-1]))
-    # No curve peaks below this amplitude, unless damping exceeds half of critical.
+    # No curve has its peak below this amplitude, unless the damping exceeds half of critical.
     low = 0.5 * np.min(level, axis=1, keepdims=True) / motion.omega_n**2
     highest = np.max(level, axis=1, keepdims=True)
     span = 64.0
@@ -203,7 +205,7 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
 def _corrected(
     motion: EquivalentMotion, level: Values, y: Values, omega: Values
 ) -> tuple[Values, Values]:
-    """Return amplitude and frequency of the peaks, improved from close guesses by exact loops."""
+    """Return amplitude and frequency of the peaks, corrected from close guesses by exact loops."""
     for _ in range(MOST_ROUNDS):
         loops = motion.loops(y, omega)
         before, omega = omega, least_omega(loops)
@@ -221,7 +223,7 @@ def _needed(table: LoopTable) -> Values:
 
 
 def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
-    """Return the first table node beyond the peak of a level, and whether there is a peak."""
+    """Return the first table node beyond the peak at a force level, and whether a peak exists."""
     below = needed[:, None] < level[..., None]
     first = np.argmax(~below, axis=-1)
     found = below[..., 0] & ~below[..., -1] & np.isfinite(_at(needed, first))
@@ -229,7 +231,6 @@ def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[
 
 
 def _at(values: NDArray, index: NDArray) -> NDArray:
-    """Return values along the last axis at indices of shape (draw, level)."""
     if values.ndim == index.ndim:
         return np.take_along_axis(values, index, -1)
     return np.take_along_axis(values, index[..., None], -1)[..., 0]
@@ -253,7 +254,7 @@ def along(peak: Peaks, place: Values) -> ForcedCurve:
 
 
 def places(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> Values:
-    """Return parameters t along the curves that reach both ends of a band [rad/s]."""
+    """Return values of the curve parameter t that cover a band of frequencies [rad/s]."""
     far = np.max([np.abs(motion.omega_n**2 - end**2) for end in band], axis=0)
     lowest = np.maximum(0.5 * peak.level / far, peak.table.y[:, :1])
     ends = np.arccosh(np.maximum(peak.y / lowest, 4.0))
@@ -276,7 +277,7 @@ def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
     rise = along(peak, place).rise
     folds = [_fold(motion, peak, place, rise, last=last) for last in (False, True)]
     first, last = folds
-    is_up = first.y < last.y  # The jump up starts at the smaller amplitude.
+    is_up = first.y < last.y  # The jump to the larger amplitude starts at the smaller one.
     up = [np.where(is_up, *pair) for pair in ((first.omega, last.omega), (first.y, last.y))]
     down = [np.where(is_up, *pair) for pair in ((last.omega, first.omega), (last.y, first.y))]
     half = np.broadcast_to(HALF * np.array([-1.0, 1.0]), (*peak.y.shape, 2))
@@ -286,7 +287,7 @@ def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
 
 
 def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> ForcedCurve:
-    """Return points of response curves from the loops, at parameters t with Y = Y_peak / cosh t.
+    """Return points of response curves from exact loops, for parameters t with Y = Y_peak / cosh t.
 
     With several harmonics a frequency is accurate to 5e-7 for 0 < |t| < 1e-4, where both sides of a
     peak meet, and to round-off elsewhere.

@@ -27,9 +27,9 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import crest, orders, synthesis
 
 Values = NDArray[np.float64]
-LANES = 128  # number of amplitudes per compiled call, for any number of draws
-STEP = 1e-4  # relative step of amplitude or frequency, for slopes by finite differences
-# change of a harmonic, relative to Y, that ends its iteration, and largest number of iterations
+LANES = 128  # number of points in a compiled call, whatever the number of draws
+STEP = 1e-4  # relative step of amplitude or frequency in finite differences
+# change of a harmonic, relative to Y, at which its iteration ends, and largest number of iterations
 CONDENSED, MOST_STEPS = 1e-13, 60
 
 
@@ -58,7 +58,7 @@ class EquivalentLoops(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EquivalentMotion:
-    """Posterior draws of a joint as oscillators of equivalent stiffness and loss.
+    """Posterior draws of a joint as oscillators with equivalent stiffness and loss.
 
     Attributes:
         joint: The oscillator, whose leaves have the shape (draw,).
@@ -101,7 +101,6 @@ class EquivalentMotion:
     def _at_points(
         self, function: Callable[..., Array], y: Values, omega: Values, num_harmonics: int
     ) -> tuple[Values, Values]:
-        """Return both results of a function that is compiled for a fixed number of points."""
         draw = np.repeat(np.arange(y.shape[0]), y.size // y.shape[0])
         omega = np.broadcast_to(omega, y.shape)
         function = partial(function, num_harmonics=num_harmonics)
@@ -111,7 +110,7 @@ class EquivalentMotion:
     def by_lanes(
         self, function: Callable[..., Array], draw: NDArray[np.intp], *points: Values
     ) -> Values:
-        """Return a function's values at many points, by calls for a fixed number of points.
+        """Return a function's values at many points, by calls that have a fixed number of points.
 
         Args:
             function: Takes a joint and points of equally many lanes; returns a row for each lane.
@@ -135,7 +134,7 @@ class EquivalentMotion:
         return found
 
     def loops(self, y: Values, omega: Values) -> EquivalentLoops:
-        """Return stiffness, loss and slopes about amplitudes y [m] and frequencies omega [rad/s].
+        """Return stiffness and loss at amplitudes y [m] and frequencies omega [rad/s], with slopes.
 
         Slopes are central differences with a step of 1e-4 and errors of 1e-8. The frequency of a
         fold depends on these errors only to second order.
@@ -154,12 +153,12 @@ class EquivalentMotion:
 
 
 def wide(values: Values, like: Values) -> Values:
-    """Return values of each draw, of shape (draw, 1), with as many axes as the other array."""
+    """Return values of shape (draw, 1) with axes appended, so that they match another array."""
     return values.reshape(-1, *(1,) * (like.ndim - 1))
 
 
 def equivalent_motion(joint: Joint, num_harmonics: int = 1) -> EquivalentMotion:
-    """Return posterior draws of a joint as oscillators of equivalent stiffness and loss.
+    """Return posterior draws of a joint as oscillators with equivalent stiffness and loss.
 
     Args:
         joint: A `BoucWen` or an `Oscillator`, of scalars or arrays of one shape (draw,).

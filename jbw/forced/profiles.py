@@ -82,7 +82,7 @@ class RandomProfile:
 
 
 def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> RandomProfile:
-    """Return the spectral density that rows of text state, in the notation of test houses.
+    """Return the spectral density that rows of text state in the notation of test laboratories.
 
     Args:
         rows: Frequency and density, both as text. A frequency is one number or a range such as
@@ -116,7 +116,7 @@ def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> RandomProfile:
                 f"a slope, but is `{freq}, {value}`.",
                 remedy="Write rows such as `20, 0.01`, `20-80, +3 dB/oct` or `80-350, 0.04`.",
             )
-    # Known densities are extended along the slopes until no slope is left.
+    # Known densities are extended along the slopes until all breakpoints are known.
     for _ in slopes:
         for low, high, slope in slopes:
             gain = (high / low) ** (slope / OCTAVE)

@@ -31,18 +31,20 @@ from jbw.oscillator.oscillator import Oscillator
 
 # numbers of amplitudes in the result, and in the search for the largest amplitude
 NODES, COARSE = 48, 24
-FARTHEST = 30.0  # minus the exponent of the probability density at the largest amplitude
-LEAST = 1e-3  # smallest spectral density relative to that at the mode, to avoid division by zero
-# Range about the mode in half-power half widths, and largest factor by which the density may vary
+# exponent of the probability density at the largest amplitude, without its minus sign
+FARTHEST = 30.0
+# smallest spectral density, relative to that at the mode; it prevents a division by zero
+LEAST = 1e-3
+# Half width of the range about the mode, in half-power half widths, and largest ratio of densities
 # in it.
 WIDTHS, UNEVEN = 4.0, 4.0
-HEAVY = 0.05  # damping ratio above which the energy changes too fast for averaging
+HEAVY = 0.05  # damping ratio above which the energy changes too fast to be averaged
 Density = Callable[[Values], Values]
 PHASES = 24  # number of nodes per quarter of a cycle
 
 
 class Cycles(NamedTuple):
-    """Free vibration at each amplitude without losses, of shape (draw, amplitude).
+    """Free vibration without losses at each amplitude, of shape (draw, amplitude).
 
     Attributes:
         energy: E per unit mass [m^2/s^2].
@@ -60,7 +62,7 @@ class Cycles(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RandomResponse:
-    """Stationary random motion, by amplitude, of shape (draw, level).
+    """Stationary random motion, described by amplitude levels, of shape (draw, level).
 
     Attributes:
         y: Amplitudes [m].
@@ -90,7 +92,7 @@ class RandomResponse:
 
     @property
     def damping(self) -> Values:
-        """The equivalent damping ratio: that of a viscous damper with the same mean loss [-]."""
+        """The equivalent damping ratio: that of a viscous damper with equal mean loss [-]."""
         power = np.sum(self.weight * self.loss * self.cycles.mean_squares[1], -1)
         return power / self.rms(1) ** 2 / (4.0 * np.pi * self.frequency_hz)
 
@@ -126,7 +128,7 @@ class RandomResponse:
         return 2.0 * np.pi * freq_hz
 
     def _linear(self, freq_hz: Values) -> tuple[Values, NDArray[np.complex128]]:
-        """Return weight and receptance of each level's linear oscillator, (draw, level, freq)."""
+        """Return each level's weight and linear receptance, of shape (draw, level, freq)."""
         omega, x = 2.0 * np.pi / self.cycles.period[..., None], self._x(freq_hz)
         loss, level = self.loss[..., None], self.force_density(1.0 / self.cycles.period)
         # Under a force of flat density G the mean square is G / (4 loss omega^2).
@@ -135,7 +137,7 @@ class RandomResponse:
         return share, 1.0 / (omega**2 - x**2 + 1j * loss * x)
 
     def exceeded(self) -> Values:
-        """Return the rate at which peaks exceed each amplitude, of shape (draw, level) [1/s].
+        """Return the number of peaks per second above each amplitude, of shape (draw, level) [1/s].
 
         Divided by the rate of all peaks, it is the exceedance distribution of the peaks.
         """
@@ -143,7 +145,7 @@ class RandomResponse:
         return np.sum(rate, -1, keepdims=True) - (rate / weights) @ integral.T
 
     def largest(self, duration: float) -> Values:
-        """Return the median of each draw's largest displacement [m] within a duration [s].
+        """Return, for each draw, the median of the largest displacement [m] in a duration [s].
 
         Peaks of either sign above it are assumed independent, exp(-2 rate duration) = 1/2. For a
         narrow band this assumption overestimates the peaks.
@@ -173,8 +175,8 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
         return density(freq_hz) * wide(share, freq_hz) ** 2
 
     def at_levels(freq_hz: Values) -> Values:
-        # Levels that the excitation does not reach are cut off steeply; `_require_broad` checks
-        # them.
+        # Where the excitation is weak, the density is limited from below; `_require_broad` checks
+        # this.
         return np.maximum(force_density(freq_hz), LEAST * at_rest)
 
     at_rest = force_density(motion.omega_n / (2.0 * np.pi))
@@ -185,7 +187,7 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
     cycle, loss = _losses(single, coarse)
     steps = np.diff(cycle.energy, prepend=0.0)
     exponent = np.cumsum(4.0 * loss / at_levels(1.0 / cycle.period) * steps, -1)
-    # NaN means that the joint cannot vibrate freely at that amplitude, which then has no weight.
+    # NaN means that the joint cannot vibrate freely at an amplitude, which then has no weight.
     beyond = np.argmax(~(exponent < FARTHEST), -1)
     beyond = np.where(exponent[:, -1] < FARTHEST, COARSE - 1, beyond)
     nodes, weights, integral, derivative = rule(NODES)
@@ -204,7 +206,7 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
 
 
 def _losses(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
-    """Return free vibration at given amplitudes, and losses divided by the action [1/s]."""
+    """Return free vibration at given amplitudes, and its losses divided by the action [1/s]."""
     cycle = cycles(motion, y)
     _, loss = motion.values(y, 2.0 * np.pi / cycle.period)
     return cycle, motion.viscous + np.pi * loss * y**2 / cycle.action

@@ -12,15 +12,17 @@ from jbw.forced.equivalent import EquivalentMotion, Values
 from jbw.oscillator.response import simulate
 from jbw.units import measured, plain
 
-SAMPLES = 400  # samples of a pulse; linear interpolation loses 5e-6 of a half-sine's area
+# number of samples in a pulse; linear interpolation then loses 5e-6 of a half-sine's area
+SAMPLES = 400
 PER_CYCLE = 64  # smallest number of samples per cycle of the mode
-# Cycles of the mode after the pulse, in which an oscillator of Q = 10 has responded to 5e-4.
+# Cycles of the mode that are simulated after the pulse; an oscillator with Q = 10 has then decayed
+# to 5e-4.
 CYCLES = 24
 RAMP = 0.1  # duration of a trapezoid's rise, and of its fall, divided by that of the pulse
 
 SHAPES: dict[str, Callable[[Values], Values]] = {
     "half-sine": lambda x: np.sin(np.pi * x),
-    "sawtooth": lambda x: x,  # the peak is at the end
+    "sawtooth": lambda x: x,  # its peak is at the end
     "trapezoid": lambda x: np.minimum(np.minimum(x, 1.0 - x) / RAMP, 1.0),
 }
 
@@ -83,13 +85,13 @@ def classical_pulse(
         )
     count = max(SAMPLES, int(np.ceil(duration * fs)))
     samples = peak * SHAPES[shape](np.linspace(0.0, 1.0, count + 1))
-    # At a jump to zero the last sample is the mean of both sides, which keeps the area.
+    # At a jump to zero, the last sample is the mean of both values, which preserves the area.
     samples[-1] *= 0.5
     return Pulse(samples, count / duration, unit)
 
 
 def pulse_of(text: str, fs: float = 0.0) -> Pulse:
-    """Return the pulse stated by a text such as `20g,11ms` or `50 m/s^2, 6 ms, sawtooth`.
+    """Return the pulse that a text states, such as `20g,11ms` or `50 m/s^2, 6 ms, sawtooth`.
 
     Raises:
         ConfigError: The text does not state a peak with a unit and a duration.
@@ -147,7 +149,7 @@ class ShockResponse:
 
 
 def shock_response(motion: EquivalentMotion, pulse: Pulse, share: Values) -> ShockResponse:
-    """Return the motion during a shock, from rest, and for some cycles of the mode after it.
+    """Return the motion during a shock that starts from rest, and for some cycles after it.
 
     Args:
         motion: The joint.

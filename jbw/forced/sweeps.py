@@ -7,7 +7,7 @@ from jbw.forced.curves import ForcedCurve, Peaks, along, places
 from jbw.forced.equivalent import EquivalentMotion, Values, wide
 from jbw.forced.roots import bracketed_root
 
-# iterations of the search between two points of a curve; the error is 1e-7 of the amplitude
+# iterations of the search between two points of a curve; the error is then 1e-7 of the amplitude
 ROUNDS = 8
 Complexes = NDArray[np.complex128]
 

@@ -9,7 +9,7 @@ from jbw.forced.equivalent import EquivalentLoops, EquivalentMotion, Values, wid
 
 @dataclass(frozen=True, eq=False)
 class LoopTable:
-    """Equivalent stiffness and loss of each draw, at amplitudes in equal ratios.
+    """Equivalent stiffness and loss of each draw, at amplitudes with a constant ratio.
 
     Attributes:
         log_y: Logarithms of the amplitudes, of shape (draw, node).

@@ -28,16 +28,17 @@ from jbw.freeform.tempering import PARTICLES, Tempered, temper
 from jbw.measurement.readings.statement import RecordTable
 
 QUANTILES = 0.005, 0.5, 0.995
-CALLED = 5.0  # evidence [nats] that decides for or against Masing's rule
-INSIDE = 6.63  # increase of the weighted sum of squares at the ends of one quantity's 99 % interval
+CALLED = 5.0  # evidence [nats] with which Masing's rule counts as decided
+INSIDE = 6.63  # rise of the weighted sum of squares that bounds the 99 % interval of one quantity
 # sets of springs that act in parallel to the sliders
 SPRINGS = (), ("cubic",), ("cubic", "quintic")
 SPRINGS_OF_NAMED = (), ("cubic",)
 WITHOUT_FORM = "free", "loose"
 NAMED = "linear", "power", "iwan4"
-NAMES = {"power": "masing_power"}  # names of laws here that differ from the names of their priors
-PENALTY = 1e5  # weight of the constraint by which a bound is computed, relative to the data
-# factor of the steps that bracket a bound, number of halvings, and size of the first step
+NAMES = {"power": "masing_power"}  # laws that have another name here than in the table of priors
+# weight of the constraint that fixes the loss while its bound is searched, relative to the data
+PENALTY = 1e5
+# growth of the steps that bracket a bound, number of halvings, and first relative step
 WIDER, HALVINGS, FIRST_TRY = 1.7, 30, 0.05
 MOST_TRIES = 60
 
@@ -45,20 +46,20 @@ Bands = Float[np.ndarray, "quantile amplitude"]
 
 
 class FreeLawKey(NamedTuple):
-    """A law without an assumed form: a prior of the sliders' strengths, and springs."""
+    """The key of a law without an assumed form: a prior of the sliders' strengths, and springs."""
 
     prior: str
     terms: tuple[str, ...]
 
     @property
     def name(self) -> str:
-        """The name of this prior and its springs, joined by plus signs, as a law of jbw."""
+        """The name of this prior and its springs as a law of jbw, joined by plus signs."""
         return " + ".join([NAMES.get(self.prior, self.prior), *self.terms])
 
 
 @dataclass(frozen=True)
 class FreeLaw:
-    """The law of a joint from frequency and damping alone, without an assumed form.
+    """The law of a joint without an assumed form, found from frequency and damping alone.
 
     Attributes:
         rows: The readings.
@@ -74,14 +75,14 @@ class FreeLaw:
 
     @property
     def rule(self) -> str:
-        """The state of Masing's rule: "holds", "broken", or "open" if the data do not decide."""
+        """The verdict on Masing's rule: "holds", "broken", or "open" if the data do not decide."""
         if self.masing >= CALLED:
             return "broken"
         return "holds" if self.masing <= -CALLED else "open"
 
     @property
     def scatter(self) -> float:
-        """The median relative standard deviation between the records' frequencies."""
+        """The relative standard deviation of frequency between records (posterior median)."""
         best = max(self.posteriors.values(), key=lambda found: found[1].log_evidence)
         return float(np.exp(np.median(best[1].theta[:, -1])))
 
@@ -100,7 +101,7 @@ class FreeLaw:
         return np.quantile(hz, QUANTILES, axis=0), np.quantile(zeta, QUANTILES, axis=0)
 
     def least_damping(self, amplitude: ArrayLike) -> Reals:
-        """Return the least damping ratio of any Masing law at given amplitudes [m]."""
+        """Return the smallest damping ratio that a Masing law can have at given amplitudes [m]."""
         _, _, hz_high = self.bands(amplitude)[0]
         omega_sq = (2 * np.pi * hz_high) ** 2 / self.rows.unit
         return least_loss(self.rows, amplitude, omega_sq) / (2 * omega_sq)
@@ -146,7 +147,7 @@ def free_law(
 
 
 def least_loss(rows: ReadingRows, amplitude: ArrayLike, omega_sq: Reals) -> Reals:
-    """Return the least 2 zeta omega^2 of any sliders at amplitudes [m], in the unit of the data.
+    """Return the smallest 2 zeta omega^2 that sliders can have at amplitudes [m], in data units.
 
     Springs may act in parallel. The bound is that of a quadratic program in w >= 0, found by
     bisection of the sum of squares with the loss fixed.
@@ -161,7 +162,7 @@ def least_loss(rows: ReadingRows, amplitude: ArrayLike, omega_sq: Reals) -> Real
 
 
 def _least(made: np.ndarray, readings: Reals, loss: Reals, best: Reals, squares: float) -> float:
-    """Return the least loss whose sum of squares does not exceed a limit."""
+    """Return the smallest loss for which the sum of squares does not exceed a limit."""
 
     def is_inside(value: float) -> bool:
         rows = np.vstack([made, PENALTY * loss])

@@ -27,11 +27,12 @@ from jbw.freeform.sliders import Reals
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.readings.loop import slider_columns
 
-YIELDS, GAPS = 16, 12  # numbers of half widths and of gaps in the grid, not counting no gap
+# numbers of half widths and of gaps in the grid; the gap of zero is not counted
+YIELDS, GAPS = 16, 12
 SMALLEST = 1e-3  # smallest half width, relative to the largest motion
 LARGEST = 1.0  # largest half width and gap, relative to the largest motion
 SMALLEST_GAP = 1e-2  # smallest gap, relative to the largest motion
-# largest number of samples of all loops together: a loop is as smooth as its motion
+# largest number of samples of all loops together, enough because loops are smooth
 MOST_SAMPLES = 2000
 FEWEST = 8  # smallest number of samples of a loop
 
@@ -64,7 +65,7 @@ class GapSliders:
         return self.offset + self.stiffness * motion + columns @ self.strengths[used]
 
     def errors(self, loop: ForcedLoop) -> tuple[float, float]:
-        """Return a loop's relative rms error of the force, without and with a constant force.
+        """Return a loop's relative rms force error, first without and then with a fitted constant.
 
         The offset is a constant force of the loop, as from the zero error of an amplifier.
         """
@@ -75,7 +76,7 @@ class GapSliders:
 
     @property
     def mean_gap(self) -> float:
-        """The mean of the gaps, weighted with the sliders' largest forces [m]."""
+        """The mean gap [m], weighted by the sliders' largest forces."""
         weights = self.strengths * self.half_widths
         return float(weights @ self.gaps / weights.sum()) if weights.sum() > 0 else 0.0
 

@@ -30,13 +30,16 @@ from jbw.freeform.sliders import Matrix, Reals, SliderGrid
 SPRINGS = {"quadratic": 1, "cubic": 2, "quintic": 4}
 # power of the amplitude with which a damper changes 2 zeta omega^2
 DAMPERS = {"quadratic_damping": 1}
-# prior sd of a term's effect at the largest amplitude, relative to the change of the data
+# prior sd of a spring's or damper's effect at the largest amplitude, relative to the range of the
+# data
 TERM = 2.0
-# penalty [nats] per share by which the sliders' strengths exceed the whole stiffness
+# penalty [nats] per unit by which the sum of the sliders' strengths exceeds the whole stiffness,
+# which is 1
 EXHAUSTED = 1e3
-STEP = 1e-6  # step of a parameter for slopes by finite differences, if a prior has few parameters
+STEP = 1e-6  # step of the finite differences that give derivatives for a prior with few parameters
 RowColumns = Float[np.ndarray, "_ _"]
-# prior of ln of the relative variation of frequency between records: a decade
+# mean and standard deviation of the prior of ln of the relative variation of frequency between
+# records: a decade wide
 SCATTER = np.log(2e-5), 2.3
 
 
@@ -79,18 +82,18 @@ class StrengthPosterior:
     constant: float
 
     def left(self, w: SliderStrengths) -> Float[np.ndarray, "particle row"]:
-        """Return the whitened residual for given strengths, without the best linear terms."""
+        """Return the whitened residual for given slider strengths."""
         made = w.of_stiffness @ self.by_stiffness.T + w.of_loss @ self.by_loss.T
         return self.readings - made - w.viscous[:, None] * self.by_viscous
 
     @property
     def mean(self) -> Reals:
-        """The means of the parameters' Gaussian prior."""
+        """The means of the Gaussian prior of all parameters."""
         return np.append(self.prior.mean, SCATTER[0])
 
     @property
     def sd(self) -> Reals:
-        """The standard deviations of the parameters' Gaussian prior."""
+        """The standard deviations of the Gaussian prior of all parameters."""
         return np.append(self.prior.sd, SCATTER[1])
 
     def log_likelihood(self, theta: Particles) -> Float[np.ndarray, " particle"]:
@@ -98,7 +101,7 @@ class StrengthPosterior:
         return self._value(theta)[0]
 
     def _value(self, theta: Particles) -> tuple[Reals, SliderStrengths, RowColumns, RowColumns]:
-        """Return log likelihood, strengths, residual divided by covariance, and slope in ln tau."""
+        """Return log likelihood, strengths, residual / covariance, and slope in ln(scatter)."""
         w = self.prior.strengths(theta[:, :-1])
         left = self.left(w)
         variance = np.exp(2 * theta[:, -1:]) * self.own_sizes**2
@@ -106,7 +109,8 @@ class StrengthPosterior:
         solved = left - (variance / (1 + variance) * along) @ self.own.T
         excess = np.maximum(w.of_stiffness.sum(axis=1) - 1.0, 0.0)
         squares = np.sum(left * solved, axis=1) + np.log1p(variance).sum(axis=1)
-        # derivative of minus half the sum of squares with respect to ln tau
+        # derivative of minus half the sum of squares with respect to ln(scatter), where scatter is
+        # that between records
         by_scatter = variance / (1 + variance) * (along**2 / (1 + variance) - 1)
         return self.constant - 0.5 * squares - EXHAUSTED * excess, w, solved, by_scatter
 
@@ -163,7 +167,7 @@ class StrengthPosterior:
 
     @staticmethod
     def columns(rows: ReadingRows, grid: SliderGrid) -> tuple[RowColumns, RowColumns, RowColumns]:
-        """Return the linear problem's columns for sliders' stiffness and loss, and for damping."""
+        """Return the linear problem's columns for the sliders' stiffness and loss, and damping."""
         none = np.zeros((len(rows.y), len(grid.log_d)))
         return (
             np.vstack([-grid.softening(rows.y), none]),
@@ -222,7 +226,7 @@ def posterior_of(
 
 
 def _term_columns(terms: Sequence[str], ratio: Reals) -> tuple[RowColumns, RowColumns]:
-    """Return each term's effect on omega^2 and 2 zeta, at amplitudes relative to the largest."""
+    """Return the effect of each spring and damper on omega^2 and 2 zeta, by relative amplitude."""
     springs = [ratio ** SPRINGS[name] if name in SPRINGS else 0 * ratio for name in terms]
     dampers = [ratio ** DAMPERS[name] if name in DAMPERS else 0 * ratio for name in terms]
     shape = len(ratio), len(terms)

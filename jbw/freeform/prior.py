@@ -21,9 +21,9 @@ from jbw.freeform.sliders import ABOVE, Reals, SliderGrid
 LEVEL, SLOPE, VISCOUS = (np.log(3e-3), 3.0), (0.0, 1.5), (np.log(2e-3), 2.0)
 ROUGHNESS = (np.log(1.2), 0.5)
 LENGTH = 2.3  # correlation length of the strengths in ln of the half width: one decade
-# prior sd of level and shape of a loss that is not tied to the stiffness
+# prior sd of the level and the shape of a loss that is independent of the stiffness
 FREE_LEVEL, FREE_SHAPE = 0.5, 0.4
-# priors of ln of Iwan's largest half width (sd), and of ln of its share (mean, sd)
+# prior of ln of Iwan's largest half width (sd), and of ln of the share of sliders there (mean, sd)
 CUT, SHARE = 1.5, (0.0, 1.5)
 # number added to the diagonal of the correlation matrix, which keeps it positive definite
 NUGGET = 1e-3
@@ -34,7 +34,7 @@ Strengths = Float[np.ndarray, "particle bin"]
 
 
 class SliderStrengths(NamedTuple):
-    """The strengths of every bin for the stiffness and for the loss, and the viscous damping."""
+    """The sliders' strengths in every bin, for stiffness and for loss, and the viscous damping."""
 
     of_stiffness: Strengths
     of_loss: Strengths
@@ -62,7 +62,7 @@ class StrengthPrior(NamedTuple):
 
 
 def linear_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of a joint without sliders: viscous damping alone."""
+    """Return the prior of a joint that has viscous damping but no sliders."""
 
     def strengths(theta: Particles) -> SliderStrengths:
         none = np.zeros((len(theta), len(grid.log_d)))
@@ -72,7 +72,7 @@ def linear_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def power_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of slider strengths that are a power of the half width."""
+    """Return the prior of slider strengths that follow a power of the half width."""
 
     def strengths(theta: Particles) -> SliderStrengths:
         w = _exp(theta[:, :1] + theta[:, 1:2] * (grid.log_d - x_middle))
@@ -82,7 +82,7 @@ def power_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def iwan_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of a power law of strengths up to a limit, with extra sliders there."""
+    """Return the prior of strengths that follow a power up to a limit, where extra sliders lie."""
     x_largest = float(grid.log_d[-1] + grid.width / 2 - np.log(ABOVE))
 
     def strengths(theta: Particles) -> SliderStrengths:
@@ -100,7 +100,7 @@ def iwan_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def masing_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of slider strengths without an assumed form, under Masing's rule."""
+    """Return the prior of slider strengths of any form that follow Masing's rule."""
     num, from_middle, root = len(grid.log_d), grid.log_d - x_middle, _root(grid)
 
     def strengths(theta: Particles) -> SliderStrengths:
@@ -116,7 +116,7 @@ def masing_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def loose_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of slider strengths without an assumed form and without Masing's rule."""
+    """Return the prior of slider strengths of any form that need not follow Masing's rule."""
     num, from_middle, root = len(grid.log_d), grid.log_d - x_middle, _root(grid)
     bound = masing_prior(grid, x_middle)
 
@@ -149,7 +149,7 @@ PRIORS = {
 def _bound_slopes(
     theta: Particles, by: SliderStrengths, from_middle: Reals, root: Float[np.ndarray, "bin bin"]
 ) -> Particles:
-    """Convert derivatives with respect to log strengths to those of the prior's parameters."""
+    """Convert derivatives by log strengths to derivatives by the prior's parameters."""
     by_log = by.of_stiffness + by.of_loss
     sigma, by_xi = np.exp(theta[:, 2:3]), by_log @ root
     by_sigma = sigma[:, 0] * np.sum(by_xi * theta[:, 4:], axis=1)

@@ -22,19 +22,19 @@ from jbw.errors import DataError
 from jbw.freeform.sliders import Reals, SliderGrid, grid_for
 from jbw.measurement.readings.statement import RecordTable
 
-ROWS = 4  # number of rows per record, which suffices since its table is smooth
-FEWEST = 4  # smallest number of amplitudes: frequency and damping have two coefficients each
+ROWS = 4  # number of rows that represent a record, enough because its curve is smooth
+FEWEST = 4  # smallest number of amplitudes: frequency and damping need two coefficients each
 # relative errors of frequency and damping that are assumed if none is stated
 FLOOR_HZ, FLOOR_ZETA = 1e-6, 3e-3
-# Trial values of the relative variation of frequency between records.
+# Trial values of the relative standard deviation of frequency between records.
 SCATTERS = np.concatenate([[0.0], np.geomspace(1e-7, 1e-2, 61)])
-ROUNDS = 4  # number of rounds that estimate the law and this variation in turn
+ROUNDS = 4  # number of rounds, each of which estimates first the law and then this variation
 
 Square = Float[np.ndarray, "row row"]
 
 
 class ReadingRows(NamedTuple):
-    """Frequency and damping of all records as rows, in units of the mean of omega^2.
+    """Frequency and damping of all records as rows of a linear problem, relative to mean omega^2.
 
     Attributes:
         y: Amplitude of the displacement [m].
@@ -76,7 +76,7 @@ class ReadingRows(NamedTuple):
 
 
 def rows_of(tables: Sequence[RecordTable]) -> ReadingRows:
-    """Return the rows of measured frequency and damping, with the variation between records.
+    """Return the rows of measured frequency and damping, and the variation between records.
 
     Raises:
         DataError: Fewer than four amplitudes, or readings that are not finite and positive.
@@ -143,7 +143,7 @@ def _rows(tables: Sequence[RecordTable]) -> ReadingRows:
 
 
 def _left_by_any_law(rows: ReadingRows) -> tuple[Reals, float]:
-    """Return the residual that remains with the best sliders, and its degrees of freedom.
+    """Return the residual of the best-fitting sliders, and its degrees of freedom.
 
     Frequency and damping are fitted separately, each with its own strengths and a cubic spring, so
     that no law of the amplitude alone fits much better.
@@ -160,7 +160,7 @@ def _left_by_any_law(rows: ReadingRows) -> tuple[Reals, float]:
 
 
 def _scatter(rows: ReadingRows, residual: Reals) -> float:
-    """Return the likeliest variation of frequency between records, given the residual of a law."""
+    """Return the most likely variation of frequency between records, given a law's residual."""
 
     def penalty(scatter: float) -> float:
         covariance = rows._replace(scatter=scatter).with_scatter

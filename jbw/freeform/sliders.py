@@ -26,12 +26,12 @@ from jaxtyping import ArrayLike, Float
 Reals = Float[np.ndarray, " _"]
 Matrix = Float[np.ndarray, "amplitude bin"]
 
-# number of bins per decade: with 6, a Masing law can seem to break Masing's rule
+# number of bins per decade: with only 6, a Masing law can seem to break Masing's rule
 PER_DECADE = 16
-FINE = 8  # number of equal sliders in a bin, so that curves are smooth in the amplitude
+FINE = 8  # number of equal sliders into which a bin is divided, so that curves are smooth
 # Ends of the grid, relative to the smallest and the largest amplitude. Sliders below a quarter of
-# the smallest amplitude slip at every measured amplitude; without them, bands at a third of it
-# contained only 75 % of true values.
+# the smallest amplitude slip at every measured amplitude. Without them, bands at a third of that
+# amplitude contained only 75 % of true values.
 BELOW, ABOVE = 1 / 20, 6.0
 
 
@@ -49,7 +49,7 @@ def loss_share(amplitude: ArrayLike, half_width: ArrayLike) -> np.ndarray:
 
 
 def play_force(y: Reals, strengths: Reals, half_widths: Reals, stiffness: float) -> Reals:
-    """Return the sliders' force along a motion from rest, exact for linear motion between samples.
+    """Return the sliders' force along a motion from rest, exact for piecewise linear motion.
 
     Args:
         y: Displacement [m].
@@ -66,7 +66,7 @@ def play_force(y: Reals, strengths: Reals, half_widths: Reals, stiffness: float)
 
 @dataclass(frozen=True)
 class SliderGrid:
-    """A grid of bins of the half width, equal in its logarithm.
+    """A grid of bins of the sliders' half width, equally wide in its logarithm.
 
     Attributes:
         log_d: Middle of every bin, as ln of the half width [m].
@@ -78,16 +78,16 @@ class SliderGrid:
 
     @property
     def half_widths(self) -> Float[np.ndarray, "bin slider"]:
-        """The half widths of the equal sliders in every bin [m]."""
+        """The half widths [m] of the sliders into which every bin is divided."""
         within = self.width * ((np.arange(FINE) + 0.5) / FINE - 0.5)
         return np.exp(self.log_d[:, None] + within)
 
     def softening(self, amplitude: ArrayLike) -> Matrix:
-        """Return the decrease of omega^2 at each amplitude, per unit strength of each bin."""
+        """Return the decrease of omega^2 at each amplitude, for unit strength of each bin."""
         return 1.0 - self._mean(stiffness_share, amplitude)
 
     def loss(self, amplitude: ArrayLike) -> Matrix:
-        """Return the increase of 2 zeta omega^2 at each amplitude, per unit strength of bins."""
+        """Return the increase of 2 zeta omega^2 at each amplitude, for unit strength of bins."""
         return self._mean(loss_share, amplitude)
 
     def _mean(self, share: Callable[..., np.ndarray], amplitude: ArrayLike) -> Matrix:
@@ -95,7 +95,7 @@ class SliderGrid:
 
 
 def grid_for(smallest: float, largest: float, per_decade: int = PER_DECADE) -> SliderGrid:
-    """Return the slider grid for a motion's amplitudes [m]: from 1/20 to six times these."""
+    """Return a slider grid from 1/20 of the smallest to six times the largest amplitude [m]."""
     low, high = np.log(BELOW * smallest), np.log(ABOVE * largest)
     count = max(4, int(np.ceil((high - low) / np.log(10) * per_decade)))
     edges = np.linspace(low, high, count + 1)

@@ -23,21 +23,22 @@ from jbw.freeform.prior import Particles
 from jbw.freeform.sliders import Reals
 
 PARTICLES = 500
-KEPT = 8  # number of moves on the posterior after which every particle is stored as a draw
-TARGET_ESS = 0.5  # part of the particles that still counts after a step of the temperature
+# number of moves on the final posterior, after each of which all particles are stored as draws
+KEPT = 8
+TARGET_ESS = 0.5  # effective fraction of the particles after a change of the temperature
 MOVES = 2  # number of trajectories at every temperature
 STEPS = 8  # number of steps of each trajectory
-JITTER = 0.2  # relative variation of a step's length
+JITTER = 0.2  # relative random variation of a step's length
 TARGET_ACCEPT = 0.8
-GAIN = 0.5  # gain by which the step length follows the accepted part of trajectories
+GAIN = 0.5  # gain with which the step length is adapted to the fraction of accepted trajectories
 FIRST_STEP = 0.3  # length of the first step, in units of the particles' standard deviations
-# part of the prior's variance that is added, since equal particles have no covariance
+# fraction of the prior's variance that is added, because equal particles have no covariance
 NUGGET = 1e-6
 MOST_TEMPERATURES = 500
 BISECTIONS = 50
 IMPOSSIBLE = -1e30  # log likelihood of parameters for which no motion can be computed [nats]
-# Limits of positions (in standard deviations of the prior) and of momenta: a diverging trajectory
-# ends there, and its energy causes its rejection.
+# Limits of positions (in standard deviations of the prior) and of momenta. A diverging trajectory
+# ends there and is rejected for its energy.
 FARTHEST, FASTEST = 1e3, 1e6
 
 Density = Callable[[Particles], tuple[Reals, Particles]]
@@ -60,7 +61,7 @@ class Tempered(NamedTuple):
 
 
 class _Swarm(NamedTuple):
-    """Particles in units of the prior, with their log likelihoods and slopes."""
+    """Particles in units of the prior, with log likelihoods and their derivatives."""
 
     z: Particles
     log_likelihood: Reals
@@ -92,7 +93,7 @@ def temper(
         slopes = np.nan_to_num(slopes * sd, posinf=0.0, neginf=0.0)
         return _Swarm(z, np.where(np.isfinite(value), value, IMPOSSIBLE), slopes)
 
-    # Far outside the prior, strengths overflow: such parameters get zero density.
+    # Far outside the prior, strengths overflow; such parameters get zero density.
     with np.errstate(all="ignore"):
         return _tempered(density, mean, sd, rng, num_particles)
 
@@ -125,7 +126,7 @@ def _tempered(
 
 
 def _rise(log_likelihood: Reals, most: float) -> float:
-    """Return the step of the inverse temperature after which enough particles still count."""
+    """Return the largest step of the inverse temperature that leaves enough particles effective."""
     above = log_likelihood - log_likelihood.max()
 
     def share(rise: float) -> float:
@@ -142,7 +143,7 @@ def _rise(log_likelihood: Reals, most: float) -> float:
 
 
 def _resampled(swarm: _Swarm, weights: Reals, rng: np.random.Generator) -> _Swarm:
-    """Return particles resampled by their weights, systematically."""
+    """Return particles after systematic resampling by their weights."""
     places = (np.arange(len(weights)) + rng.random()) / len(weights)
     chosen = np.searchsorted(np.cumsum(weights) / weights.sum(), places)
     return swarm[np.minimum(chosen, len(weights) - 1)]
@@ -161,7 +162,7 @@ def _trajectory(
     size: float,
     rng: np.random.Generator,
 ) -> tuple[_Swarm, float]:
-    """Return particles after one Hamiltonian trajectory each, and the share of accepted moves."""
+    """Move each particle along a Hamiltonian trajectory; also return the accepted fraction."""
     step = size * (1 + JITTER * (2 * rng.random((len(swarm.z), 1)) - 1))
 
     def force(at: _Swarm) -> Particles:

@@ -31,14 +31,14 @@ from jbw.report.messages.remedies import OTHER_LAWS, beside_other_laws
 SHIFT = 0.1
 NUM_DRAWS = 32
 CLOSE = 0.05  # A law is still rated usable if no test has a larger relative error.
-# findings whose status is amended if the error is below CLOSE
+# codes of the findings whose status is changed if the error is below CLOSE
 OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")
-MOST_BEYOND = 1.5  # largest error of tests that were not fitted, relative to that of fitted ones
+MOST_BEYOND = 1.5  # largest relative error of held-out tests, divided by that of the fitted tests
 TINY = np.finfo(float).tiny
 
 
 def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
-    r"""Check whether the time step could have moved the posterior; None if no time step is used.
+    r"""Check whether the solver's time step may have shifted the posterior; None without steps.
 
     Halving the step changes the log likelihood by $\Delta\ell(\theta)$ and so a posterior mean by
     $\mathrm{Cov}(\theta, \Delta\ell)$, at most $\mathrm{sd}(\Delta\ell)$ standard deviations.
@@ -66,7 +66,7 @@ def another_law(laws: Sequence[str]) -> str:
 def solver_change(
     theta: Mapping[str, Float[np.ndarray, "..."]], data: Dataset
 ) -> NDArray[np.float64] | None:
-    """Return how each draw's log likelihood changes with half the solver step, or None."""
+    """Return the change of each draw's log likelihood when the solver's step is halved, or None."""
     finer = halved(data)
     if finer is None:
         return None
@@ -90,7 +90,7 @@ def residual_finding(
     error: Mapping[str, float],
     laws: Sequence[str] = (),
 ) -> Finding | None:
-    """Check whether a fit's residuals are correlated (lag one), by data group.
+    """Check for each data group whether the residuals of a fit are correlated (lag one).
 
     All mappings are by the label of the group: its values of `residuals`, the fraction of its
     values that is `counted`, and its relative `error`. `laws` are the fitted laws.
@@ -99,7 +99,7 @@ def residual_finding(
     lag_one = {label: correlation_at_one(row) for label, row in long.items()}
     if not lag_one:
         return None
-    # Correlations are compared with the largest ones of white noise of the same length. A
+    # Compare each correlation with the largest one that white noise of the same length has. A
     # correlation that cannot be computed counts as the worst.
     ratio = {label: abs(value) / coloured_from(long[label]) for label, value in lag_one.items()}
     worst = max(ratio, key=lambda label: np.nan_to_num(ratio[label], nan=np.inf))
@@ -113,14 +113,14 @@ def residual_finding(
 
 
 def errors_and_colour(best: Fit, data: Dataset) -> tuple[dict[str, float], Finding | None]:
-    """Return the relative error of every group at a fit, and the finding on its residuals."""
+    """Return each data group's relative error at a fit, and the finding on correlated residuals."""
     residuals = residual_by_label(best.residual, data)
     error = error_by_label(residuals, data)
     return error, residual_finding(residuals, fractions_counted(data), error, data.laws)
 
 
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """Check the data group with the largest error relative to a limit, if any has a limit."""
+    """Check the data group whose error is largest relative to its limit; None without limits."""
     bounded = {
         label: part.most_misfit
         for part in data.parts
@@ -136,9 +136,10 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
-    """Return chi-square and degrees of freedom of a fit, over the data groups with known noise."""
+    """Return a fit's chi-square and degrees of freedom, from the data groups with known noise."""
     sizes = num_known(data)
-    if sum(sizes.values()) <= len(first.x):  # With so many parameters, the fit explains any data.
+    # With at least as many parameters as values, a fit explains any data.
+    if sum(sizes.values()) <= len(first.x):
         return None
     rows = by_label(first.residual, data)
     total = sum(float(np.sum(rows[label] ** 2)) for label in sizes)
@@ -146,7 +147,7 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
 
 
 def within_misfit(error: Mapping[str, float]) -> Amendment | None:
-    """Return the amendment that rates a small misfit as usable; None if the misfit is large.
+    """Return the amendment that rates a law with a small error as usable; None for a large error.
 
     Long or precise records show residuals beyond noise even where these are only a few per cent of
     the record. Such a law is wrong only in that small part, and the intervals include it.
@@ -163,7 +164,7 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Return the amendment that rates the errors of predicted tests, which were not fitted.
+    """Return the amendment that rates a law by its errors on tests that were not fitted.
 
     It applies where findings rate the law usable. Errors are relative to the rms of their tests. If
     their rms exceeds that of the fitted errors by more than a factor of 1.5, the amendment rates
@@ -187,7 +188,7 @@ def within_unseen(
 
 
 def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
-    """Compare the fit error of the worst data group with the variation between its repeats.
+    """Compare the largest fit error of a data group with the variation between its repeats.
 
     If the error exceeds the scatter, another repeat predicts a record better than the law does.
     """

@@ -36,14 +36,14 @@ Report = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Measured:
-    """The fitted and held-out tests of a campaign, with the result of Step 2."""
+    """The fitted and held-out tests of a campaign, with the line fit of its noise test (Step 2)."""
 
     tests: tuple[Test, ...]
-    chosen: tuple[Test, ...]  # tests that remain after the choice by `fit` and `hold_out`
+    chosen: tuple[Test, ...]  # tests that `fit` and `hold_out` leave
     settings: Identify
     laws: tuple[str, ...]
     gain: Gain  # gains stated in the campaign [N/kg per unit of the input]
-    linear: LinearStep | None  # result of Step 2; None without a noise test
+    linear: LinearStep | None  # line fit of a noise test (Step 2); None without such a test
     sweeps: Sweeps | None  # sweeps; None if there are none
     decays: DecaySplit | None  # free decays; None if none can be fitted
     modes: Modes | None = None  # modes that move the joint; None for one mode
@@ -51,7 +51,7 @@ class Measured:
 
     @property
     def probing(self) -> tuple[Test, ...]:
-        """The tests with one tone that probes the third-order kernel, for Step 3."""
+        """The single-tone tests that measure the third-order kernel, for its fit (Step 3)."""
         linear = self.linear
         if linear is None:
             return ()
@@ -60,7 +60,7 @@ class Measured:
 
     @property
     def swept(self) -> list[Test]:
-        """The sweeps to fit, each without held-out repeats."""
+        """The sweeps to fit; held-out repeats are removed."""
         sweeps = () if self.sweeps is None else self.sweeps.fitted
         return [test for test in sweeps if test.name in _names(self.chosen)]
 
@@ -76,7 +76,7 @@ def measured(
     line_fit: TriedStep | None = None,
     report: Report = logger.info,
 ) -> Measured:
-    """Split a campaign's tests into fitted and held-out ones; perform Step 2 on a noise test.
+    """Divide a campaign's tests into fitted and held-out ones; fit the lines of a noise test.
 
     Args:
         tests: Tests of the campaign.
@@ -105,7 +105,8 @@ def measured(
     chosen = selection.fitted(tests, settings)
     require_one_unit(chosen)
     noise, linear = selection.linear_test(tests), None
-    if noise is not None and modes is None:  # Several modes are fitted over time and not by Step 2.
+    # With several modes, tests are fitted over time and not by a line fit.
+    if noise is not None and modes is None:
         report(messages.line_fit(noise.name))
         if line_fit is not None and line_fit.step.test.name == noise.name:
             linear = line_fit.taken_up()
@@ -123,7 +124,7 @@ def measured_in(
     tests: Sequence[Test] | None = None,
     line_fit: TriedStep | None = None,
 ) -> Measured:
-    """Perform Step 2, and divide tests into fitted and held-out ones."""
+    """Divide a campaign's tests into fitted and held-out ones, with the line fit of Step 2."""
     return measured(
         campaign.tests if tests is None else tests, campaign.settings, laws=campaign.laws,
         structure=campaign.structure, gain=force_per_unit(campaign), joints=campaign.joints,
@@ -132,7 +133,7 @@ def measured_in(
 
 
 def assemble(seen: Measured) -> Dataset:
-    """Assemble all fitted tests of a campaign into one dataset, without run offsets.
+    """Assemble all fitted tests of a campaign in one dataset, in which runs have no offsets.
 
     All tests are fitted except held-out ones. Held out are tones near the resonance (they
     validate), levels and repeats of sweeps that are not among `fit_levels` and `fit_repeats`,
@@ -146,7 +147,7 @@ def assemble(seen: Measured) -> Dataset:
     linear, gain = seen.linear, seen.gain
     parts: list[Observable] = []
     if linear is not None and linear.test.name in _names(seen.chosen):
-        # A noise test enters the likelihood by its line fit.
+        # A noise test contributes its line fit to the likelihood.
         if not linear.test.traits.is_periodic:
             linear_gain = gain_of(gain, drive_of(linear.test))
             parts.append(reading_of(linear, linear_gain, seen.laws))
@@ -210,7 +211,7 @@ def _require_labels(parts: Sequence[Observable]) -> None:
 
 
 def entered(seen: Measured) -> dict[str, bool]:
-    """Return, by test name, whether the fit includes one of its repeats or its line fit."""
+    """Return, by name of the test, whether the fit uses a repeat of it or its line fit."""
     kinds = {kind for observable in OBSERVABLES for kind in observable.kinds}
     names = _names([test for test in _reducible(seen) if test.kind in kinds])
     names |= _names([test for test in seen.chosen if test.traits.is_free])
@@ -220,7 +221,7 @@ def entered(seen: Measured) -> dict[str, bool]:
 
 
 def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
-    """Return the numbers, from one, of the repeats of each test that are fitted."""
+    """Return the fitted repeats of each test, counted from one."""
     sweeps = () if seen.sweeps is None else seen.sweeps.fitted
     chosen = [id(record) for test in sweeps for record in test.records]
     if seen.decays is not None:
@@ -236,7 +237,7 @@ def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
-    """Return the data of given tests in the form that the likelihood needs, by kind and drive."""
+    """Return tests in the form that the likelihood needs, grouped by kind and drive."""
     parts: list[Observable] = []
     if worn := never_steady(seen.laws, {test.kind for test in tests}):
         raise ConfigError(f"Argument `laws`: {worn}")
@@ -271,7 +272,7 @@ def _reducible(seen: Measured) -> list[Test]:
 def reading_of(
     linear: LinearStep, gain: float | None = None, laws: tuple[str, ...] = DEFAULT_LAWS
 ) -> LineReading:
-    """Return Step 2's line fit as a likelihood term, with its gain in the campaign's units."""
+    """Return the line fit of a noise test as a likelihood term, with its gain in campaign units."""
     scale = np.array([1.0, 1.0, gain or 1.0])
     covariance = linear.pooled.covariance * np.outer(scale, scale)
     run = run_of(linear.test)

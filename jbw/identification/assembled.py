@@ -27,7 +27,7 @@ FEWEST = 3  # smallest number of strong spectral lines within 7 % of a mode that
 
 
 def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Identify) -> Modes:
-    """Return the modes of a reduced model as the tests drive and measure them.
+    """Return the modes of a reduced model that the tests drive or measure.
 
     Raises:
         ConfigError: Tests, laws or settings are not supported for several joints.
@@ -81,7 +81,7 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
 
 
 def _require_first_point(first: str, tests: Sequence[Test]) -> None:
-    """Raise a ConfigError if no test is at the first point, where the gain is determined."""
+    """Raise a ConfigError if no test is at the first point, which determines the gain."""
     if all(test.point for test in tests):
         raise ConfigError(
             f"[structure] points: a test must be measured at `{first}`, the first one, but all "
@@ -91,7 +91,7 @@ def _require_first_point(first: str, tests: Sequence[Test]) -> None:
 
 
 def require_known_laws(laws: Sequence[str]) -> None:
-    """Raise a ConfigError for laws that cannot be identified for several joints.
+    """Raise a ConfigError for laws that cannot be identified in structures with several joints.
 
     Raises:
         ConfigError: A law is a damper, or changes with every cycle.
@@ -162,7 +162,7 @@ def _require_sources(tests: Sequence[Test]) -> None:
 
 
 def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
-    """Return the indices of the driven elastic modes; one that the tests measure well is first."""
+    """Return the indices of the driven elastic modes; begin with a well measured one."""
     frequencies = reduced.frequencies_hz
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
@@ -193,7 +193,7 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
 
 
 def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Return whether a test moves a mode: its source drives it, or it is a decay of the mode."""
+    """Return whether a test moves a mode: its source drives it, or it is that mode's decay."""
     if not test.traits.is_free:
         return passes(test, window_hz)
     if test.band_hz is None:
@@ -203,7 +203,7 @@ def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def passes(test: Test, window_hz: tuple[float, float]) -> bool:
-    """Return whether a test's source has enough strong spectral lines in a frequency window."""
+    """Return whether a test's source has enough strong spectral lines in a frequency range."""
     record = test.records[0]
     hz = np.fft.rfftfreq(record.num_samples, 1 / record.fs)
     size = np.abs(np.fft.rfft(record.channels[record.source]))
@@ -214,7 +214,7 @@ def passes(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
-    """Return the model's gain of the first mode [1/kg] if a force is measured; otherwise None."""
+    """Return the model's gain of the first mode [1/kg] if a force is measured, or else None."""
     driven = [test for test in tests if not test.traits.is_free]
     if modes is None or modes.meet != ASSEMBLED or not driven or drive_of(driven[0]) in FED:
         return None
@@ -248,7 +248,7 @@ def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list
 def joint_bounds(
     modes: Modes, data: Dataset, stated: Mapping[str, tuple[float, float]], zeta: float
 ) -> Bounds:
-    """Return wide prior bounds of every joint's laws and of the factors on its mode shapes.
+    """Return wide prior bounds of all joints' laws, and of the factors on their mode shapes.
 
     Bounds of the laws follow from the joint's stiffness when fully stuck and its largest motion.
 
@@ -279,14 +279,14 @@ def joint_bounds(
 
 
 def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
-    """Return the largest motion of a joint in modes that the first point measures [m, or rad]."""
+    """Return the largest motion of a joint [m or rad] in the modes that the first point shows."""
     numbers, amplitudes = dict(modes.numbers), largest_amplitudes(modes, data)
     motion = [numbers[motion_name(i, joint)] for i in range(1, len(amplitudes) + 1)]
     return float(np.nanmax(np.abs(motion) * amplitudes))
 
 
 def largest_amplitudes(modes: Modes, data: Dataset) -> Float[np.ndarray, " mode"]:
-    """Return the largest amplitude of each driven mode; NaN if the first point hardly shows it."""
+    """Return the largest amplitude of each driven mode, NaN if the first point hardly shows it."""
     numbers, shares = dict(modes.numbers), np.abs(gain_shares(modes))
     peaks_of_parts = (part.shown().peaks_of_modes for part in data.parts)
     peaks = np.max([largest for largest in peaks_of_parts if largest], axis=0)

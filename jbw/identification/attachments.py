@@ -25,12 +25,14 @@ from jbw.quantities import FED
 from jbw.report.messages import instruments as messages
 
 Own = Float[np.ndarray, " own"]
-# relative sd of a predicted change by a shaker: in general, and if its drive point is the fitted
-# response
+# relative standard deviation of the predicted effect of a shaker: usually, and if the shaker's
+# drive point is also the fitted response
 SHARE, SHARE_OF_RESPONSE = 0.3, 0.6
-LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02  # smallest relative sd of the predicted omega_n and zeta
-MOST_MODES = (1, 2, 3)  # numbers of modes in the band with which a fit is tried, in this order
-# If the ratio of armature to modal mass is larger, the joint's share of the stiffness changes.
+# smallest relative standard deviation of the predicted omega_n and zeta
+LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02
+MOST_MODES = (1, 2, 3)  # numbers of modes that are tried in this order for the fit in a band
+# If the ratio of armature mass to modal mass is larger, the change of the joint's share of the
+# stiffness matters.
 HEAVY = 0.03
 
 
@@ -55,7 +57,7 @@ def require_one_unit(tests: Iterable[Test]) -> None:
 
 
 def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observable]:
-    """Predict how each drive's shaker changes omega_n and zeta; warn if the prediction fails.
+    """Predict for each drive how its shaker changes omega_n and zeta; warn if this fails.
 
     This needs tests of the structure without a shaker's feed as input as well: they determine its
     own omega_n and zeta.
@@ -94,7 +96,7 @@ def _read(test: Test) -> ShakerReading | None:
 
 
 def _feeds(test: Test, drive: str) -> bool:
-    """Return whether a drive is the voltage or the current fed to a test's shaker."""
+    """Return whether a drive is the voltage or the current of a test's shaker."""
     return BY_UNIT.get(test.records[0].units.get("input", ""), drive) == drive
 
 
@@ -107,14 +109,14 @@ def _is_response(record: Record) -> bool:
 
 
 def _nearest(reading: ShakerReading, parts: Sequence[Observable]) -> int:
-    """Return the index of the mode nearest to the mode of the joint."""
+    """Return the index of the shaker's fitted mode that is nearest to the joint's mode."""
     frequencies = (part.shown().first_values().get("omega_n") for part in parts)
     omega = next(filter(None, frequencies), reading.modes.omega[0])
     return int(np.argmin(np.abs(reading.modes.omega - omega)))
 
 
 def _change(reading: ShakerReading, mode: int, share: float) -> tuple[Own, Own]:
-    """Return the predicted change of a mode's omega_n and zeta, and its standard deviation."""
+    """Return the predicted change of a mode's omega_n and zeta by a shaker, with its sd."""
     omega, zeta = reading.modes.omega[mode], reading.modes.zeta[mode]
     mean = np.array([reading.omega[mode] - omega, reading.zeta[mode] - zeta])
     least = np.array([LEAST_OMEGA * omega, LEAST_ZETA * zeta])
@@ -129,7 +131,7 @@ def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> st
 
 
 def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
-    """Return sentences that say which omega_n and zeta include a moving shaker."""
+    """Return sentences that state which omega_n and zeta include the shaker's mass and damping."""
     drives = {part.drive for part in data.parts if part.drive}
     if len(drives) == 1 and drives <= set(FED):
         return [messages.with_shaker(drives.pop())]

@@ -22,10 +22,12 @@ from jbw.observables.noise import repeatability
 from jbw.observables.observable import OFFSETS
 from jbw.report.messages import causes as messages
 
-MOSTLY = 0.5  # explained share of the misfit from which a cause is a finding
+# A cause is reported as a finding if it explains at least this fraction of the misfit.
+MOSTLY = 0.5
 WORTH_SAYING = 0.1
 MOST_SAID = 3
-BY_CHANCE = 2.0  # largest error of a short group that noise explains, in sd of its repeats
+# largest error of a short data group that noise explains, in standard deviations of its repeats
+BY_CHANCE = 2.0
 
 
 Try = Callable[[Suspect | Cause], Cause]
@@ -33,12 +35,12 @@ Try = Callable[[Suspect | Cause], Cause]
 
 
 def causes(best: Fit, data: Dataset) -> list[Cause]:
-    """Return likely causes of a fit's misfit, largest explained share first; may be empty."""
+    """Return likely causes of a fit's misfit, beginning with the one that explains most."""
     misfit = _misfit(best, data)
     if not misfit.missed:
         return []
     tried = _near_optimum(best, data, misfit)
-    # Only the best cause of each kind and test is kept, such as the best frequency of another mode.
+    # Of each kind of cause, such as another mode, only the best candidate for each test is kept.
     best_of_kind: dict[tuple[str, str], Cause] = {}
     for hypothesis in HYPOTHESES:
         for suspect in hypothesis.suspects(misfit):
@@ -51,7 +53,7 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
 
 
 def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
-    """Return the additional mode that explains most of a misfit, near given frequencies if any.
+    """Return the additional mode that explains most of a misfit; search near `places` if given.
 
     `places` are the given frequencies [rad/s].
 
@@ -73,7 +75,7 @@ def _misfit(best: Fit, data: Dataset) -> Misfit:
         for part in data.parts
         for label, spectrum in part.shown().spectra(residuals).items()
     }
-    # Each row depends on the offset of one drive only, so columns of several drives can be added.
+    # Each row depends on the offset of only one drive, so the columns of the drives can be added.
     of_offset: dict[str, Any] = {}
     for name, x in zip(best.theta, best.jacobian.T, strict=True):
         if plain(name) in OFFSETS:
@@ -93,7 +95,7 @@ def _misfit(best: Fit, data: Dataset) -> Misfit:
 
 
 def cause_finding(found: Sequence[Cause]) -> Finding | None:
-    """Return the finding on the first cause if it explains most of the misfit; otherwise None."""
+    """Return the finding on the first cause if it explains most of the misfit, or else None."""
     if not found or found[0].explained < MOSTLY:
         return None
     text, share = found[0].text, found[0].explained
@@ -107,7 +109,7 @@ def causes_sentence(found: Sequence[Cause]) -> str:
 
 
 def _near_optimum(best: Fit, data: Dataset, misfit: Misfit) -> Try:
-    """Return the function that tests near the optimum how much misfit a suspected error explains.
+    """Return a function that computes how much misfit a suspected error explains near the optimum.
 
     The residuals of each group are scaled by their rms. Groups without a spectrum come last.
     """
@@ -119,7 +121,7 @@ def _near_optimum(best: Fit, data: Dataset, misfit: Misfit) -> Try:
         weight[label] = 1 / np.sqrt(np.mean(group**2))
         rows.append(weight[label] * group)
         directions.append(weight[label] * as_columns(*(column[label] for column in slopes)))
-        # Misfits count relative to the rms of their groups; groups without misfit do not count.
+        # Misfits are divided by the rms of their data groups; groups without misfit do not count.
         size = np.linalg.norm(spectrum.values) if label in misfit.missed else np.inf
         counted.append(np.full(len(group), 1 / (weight[label] * size)))
         places[label] = slice(end, end := end + len(group))
@@ -130,7 +132,7 @@ def _near_optimum(best: Fit, data: Dataset, misfit: Misfit) -> Try:
     basis, factor = np.linalg.qr(np.concatenate(directions))[0], np.concatenate(counted)
 
     def beyond(x: Any) -> Any:
-        """Subtract from columns their projection on the sensitivities to the parameters."""
+        """Remove from columns their projection on the model's sensitivities to its parameters."""
         return x - basis @ (basis.T @ x)
 
     residual = beyond(np.concatenate(rows))

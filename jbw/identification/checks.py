@@ -89,7 +89,7 @@ STUCK = {"frozen_chain", "r_hat"}  # findings that show that a sampler does not 
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of one check of a posterior: its finding, sentences and arrays."""
+    """The result of one check of a posterior: its finding, sentences and arrays."""
 
     finding: Finding | None = None  # the finding; None if the check does not apply
     statements: Sequence[str] = ()  # sentences for the report
@@ -102,14 +102,15 @@ class Checks:
     """The results of all checks of a posterior."""
 
     findings: tuple[Finding, ...]  # findings on the chains, the fit and the posterior
-    amendments: tuple[Amendment | None, ...]  # changes of findings because of fit errors
+    # changes of the findings' status, such as for small fit errors
+    amendments: tuple[Amendment | None, ...]
     statements: tuple[str, ...]  # sentences on the fit, the sampler and the checks
     groups: Mapping[str, xr.Dataset]  # labelled arrays stored with the draws, by name
     wall_s: float
 
     @property
     def sees_no_joint(self) -> bool:
-        """Whether the checks find no effect of a joint."""
+        """Whether the checks have found that the joint has no effect."""
         return any(row.code == "no_joint" and row.status != "ok" for row in self.findings)
 
 
@@ -143,12 +144,12 @@ class CheckedPosterior:
 
     @cached_property
     def without_each_run(self) -> Any:
-        """The fits to all runs but one, for every run."""
+        """The fits without each of the runs."""
         return fits_without_each_run(self.fitted.fit, self.fitted.box, self.data)
 
 
 Check = Callable[[CheckedPosterior], Outcome]
-FURTHER: dict[str, Check] = {}  # checks of a user, by their subject
+FURTHER: dict[str, Check] = {}  # checks that users have registered, by subject
 
 
 def register(what: str, check: Check) -> Check:
@@ -195,7 +196,7 @@ def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
 def amendments_of(
     checked: CheckedPosterior, groups: Mapping[str, xr.Dataset], attempts: Attempts
 ) -> tuple[Amendment | None, ...]:
-    """Return amendments of findings due to fit errors, held-out errors and the joint's effect."""
+    """Return changes of findings that follow from fit errors, held-out errors, and the joint."""
     of_unseen, ready, data = None, checked.fitted, checked.data
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
@@ -247,12 +248,12 @@ def residual_of_fit(checked: CheckedPosterior) -> Outcome:
 
 
 def shape_of_fit(checked: CheckedPosterior) -> Outcome:
-    """Check fit errors against the largest error allowed by the kind of observable."""
+    """Check fit errors against the largest error allowed for the kind of data."""
     return Outcome(accuracy.shape_finding(checked.error, checked.data))
 
 
 def repeats_of_tests(checked: CheckedPosterior) -> Outcome:
-    """Check whether the error of the fit exceeds the variation between repeats of a test."""
+    """Check whether the error of the fit exceeds the variation between a test's repeats."""
     return Outcome(accuracy.repeatability_finding(checked.error, checked.data))
 
 
@@ -291,13 +292,13 @@ def effects_of_joints(checked: CheckedPosterior) -> Outcome:
 
 
 def of_tests(checked: CheckedPosterior) -> Outcome:
-    """Return the statements of every kind of test on its fit."""
+    """Return every kind of test's statements on its fit."""
     theta, parts = checked.theta, checked.data.parts
     return Outcome(statements=[x for part in parts for x in part.statements(of_part(theta, part))])
 
 
 def of_drives(checked: CheckedPosterior) -> Outcome:
-    """Return the statements on drives that have a separate natural frequency and damping."""
+    """Return the statements on drives with their own natural frequency and damping."""
     return Outcome(statements=tuple(drive_sentences(checked.theta, checked.data)))
 
 
@@ -324,13 +325,13 @@ def joint_of_each_mode(checked: CheckedPosterior) -> Outcome:
 
 
 def effects_in(checked: CheckedPosterior) -> Effects | None:
-    """Return the joint's effect on frequency and damping at the largest fitted displacement."""
+    """Return the joint's effect on frequency and damping at the largest fitted motion."""
     data, y_peak = checked.data, checked.fitted.y_peak
     return effects(checked.draws, data.held, y_peak, data.laws)
 
 
 def thresholds_reached(checked: CheckedPosterior) -> Outcome:
-    """Return the statements on whether the motion in the tests reaches the laws' thresholds."""
+    """Return statements on whether the motion in the tests exceeded the laws' thresholds."""
     theta = every_parameter(checked.draws, checked.data)
     sentences = threshold_sentences(theta, checked.fitted.y_peak, checked.data.laws)
     return Outcome(statements=tuple(sentences))
@@ -363,7 +364,7 @@ def each_kind_left_out(checked: CheckedPosterior) -> Outcome:
 
 
 def each_record_alone(checked: CheckedPosterior) -> Outcome:
-    """Check whether fits to single records agree."""
+    """Check whether separate fits to single records agree."""
     ready = checked.fitted
     if (between := between_records(ready.fit, ready.box, ready.data)) is None:
         return Outcome()
@@ -400,7 +401,7 @@ OF_OTHER_TESTS: dict[str, Check] = {
 
 
 def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
-    """Return the checks for hysteresis (or drag in its place) and for the presence of a joint."""
+    """Return the checks whether hysteresis or only drag acts, and whether a joint acts at all."""
 
     def hysteresis(checked: CheckedPosterior) -> Outcome:
         return Outcome(seen_hysteresis(added, checked.fitted, misses=misses))
@@ -415,13 +416,13 @@ def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
 
 
 def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Return the finding that hysteresis is absent, or that drag fits as well; None if neither."""
+    """Return the finding that hysteresis is absent or that drag fits as well, or else None."""
     finding = hysteresis_finding(added, ready.y_peak, ready.data.laws, misses=misses)
     return finding or seen_drag(added, ready, misses=misses)
 
 
 def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Return the finding on whether drag fits as well as hysteresis; None if drag is not tried."""
+    """Return the finding on whether drag fits as well as hysteresis; None if no test is needed."""
     best, data, y_peak = ready.fit, ready.data, ready.y_peak
     zeta = {**data.held, **best.theta}["zeta"]
     if data.modes is not None or not may_be_drag(added, zeta, data.laws):
@@ -432,14 +433,14 @@ def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
 
 
 def incomplete_finding(said: Sequence[str]) -> Finding | None:
-    """Return the finding on checks that could not be made; None if all were made."""
+    """Return the finding on checks that could not be performed; None if all were performed."""
     if not said:
         return None
     return Finding("incomplete_checks", "not assessed", {"sentences": said}, float(len(said)))
 
 
 def drawn(facts: Mapping[Any, Any]) -> list[str]:
-    """Return the sentences on the sampling: sampler, coordinates, evaluations, evidence."""
+    """Return sentences on the sampling: sampler, coordinates, number of evaluations, evidence."""
     if "coordinates" not in facts:
         return []
     counted = facts["num_evaluations"]
@@ -450,7 +451,7 @@ def drawn(facts: Mapping[Any, Any]) -> list[str]:
 
 
 def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
-    """Return advice if elliptical slice sampling has not converged; otherwise an empty text."""
+    """Return advice if elliptical slice sampling has not converged, or else an empty text."""
     failed = {finding.code for finding in findings if finding.status != "ok"}
     if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
         return []
@@ -460,7 +461,7 @@ def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
 def joint_step(
     key: Key[Array, ""], problem: JointProblem, *, name: str = "joint", keep: Keep = no_checkpoint
 ) -> tuple[Step, Dataset]:
-    """Draw and check a joint posterior; return the result with the dataset as fitted.
+    """Draw and check a joint posterior; return the result with the dataset that was fitted.
 
     The returned dataset has the offsets of the runs, and the effective numbers of values and solver
     steps that the fit determined.
@@ -476,7 +477,7 @@ def joint_step(
 def step_of(
     posterior: JointPosterior, checks: Checks, judged: Verdict, statements: Sequence[str]
 ) -> Step:
-    """Return a joint posterior with its verdict and statements, as a step of the procedure."""
+    """Return a joint posterior with its verdict and statements, in the form of a result."""
     groups = {name: xr.DataTree(group) for name, group in checks.groups.items()}
     fitted = posterior.fitted
     return Step(

@@ -29,9 +29,9 @@ from jbw.report.messages import posterior as messages
 
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
-    """Return the prior bounds of the joint posterior: parameters of the joint, and the gain."""
+    """Return the prior bounds of the joint posterior: of the joint, and of the gain."""
     parts = parts_of("", data.parts)
-    # If no test determines the damping, all tests prescribe the displacement.
+    # If no test determines the damping, all tests prescribe the displacement of the joint.
     forced = all("zeta" not in part.informs for part in parts)
     omega_n = known.get("omega_n")
     if not omega_n:
@@ -88,7 +88,7 @@ def _bounds_of(
 
 
 def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Return the prior bounds of the parameters of the second and all later modes."""
+    """Return the prior bounds of the parameters of all modes after the first."""
     if data.modes is None:
         return {}
     wide = bounds_of(data.modes, estimates, with_joint=bool(data.laws))
@@ -98,7 +98,7 @@ def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, fl
 
 
 def _bounds_of_own_laws(modes: Modes, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
-    """Return the prior bounds of the separate laws of the second and all later modes."""
+    """Return the prior bounds of the separate laws of all modes after the first."""
     peaks = np.max([largest for p in data.parts if (largest := p.shown().peaks_of_modes)], axis=0)
     bounds: Bounds = {}
     for mode, (names, peak) in enumerate(zip(modes.names, peaks[1:], strict=True), 2):
@@ -109,7 +109,7 @@ def _bounds_of_own_laws(modes: Modes, data: Dataset, estimates: Mapping[str, flo
 
 
 def _require_sampled(densities: Collection[str], names: Collection[str]) -> None:
-    """Raise a ConfigError for a stated prior of a parameter that is not sampled."""
+    """Raise a ConfigError if a prior is stated for a parameter that is not sampled."""
     for name in densities:
         if name not in names:
             raise ConfigError(
@@ -120,7 +120,7 @@ def _require_sampled(densities: Collection[str], names: Collection[str]) -> None
 
 
 def _require_drives(prior: Collection[str], data: Dataset) -> None:
-    """Raise a ConfigError for a prior on parameters of a drive without a fitted test."""
+    """Raise a ConfigError if a prior is stated for a drive that no fitted test has."""
     others = attached(data.parts)
     for name in prior:
         if plain(name) != name and not name.endswith(others):
@@ -159,7 +159,7 @@ def joint_box(
     bounds |= _shared(kinds, bounds, stated_prior, omega_n)
     for law in kinds:
         law_bounds = {name: bounds[name] for name in law.names()}
-        # Only stated bounds may let a law diverge: default bounds do not.
+        # Default bounds do not let a law diverge; only stated ones may.
         stated = {
             name: stated_prior.get(name, (max(pair[0], 0.0), pair[1]))
             for name, pair in law_bounds.items()
@@ -185,7 +185,7 @@ def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: b
 
 
 def weighed_bounds(gain: float) -> tuple[float, float]:
-    """Return prior bounds of a gain that was estimated from the secant stiffness of a loop."""
+    """Return prior bounds of a gain that follows from the secant stiffness of a loop."""
     # the sign of a channel may be reversed
     low, high = sorted((gain / MOST_SOFTENING, MOST_SOFTENING * gain))
     return low, high
@@ -194,7 +194,7 @@ def weighed_bounds(gain: float) -> tuple[float, float]:
 def _require_stiffness(
     law: type[Law], bounds: Bounds, stated: Collection[str], omega_n: float
 ) -> None:
-    """Raise a ConfigError if the prior allows a joint as stiff as the structure, omega_n^2."""
+    """Raise a ConfigError if the prior admits a joint as stiff as the structure (omega_n^2)."""
     least = {name: pair[0] for name, pair in bounds.items()}
     for name in bounds.keys() & set(stated):
         stiffness = float(law.build({**least, name: bounds[name][1]}).stiffness())
@@ -210,7 +210,7 @@ def _require_stiffness(
 def _shared(
     laws: Collection[type[Law]], bounds: Bounds, prior_names: Collection[str], omega_n: float
 ) -> Bounds:
-    """Reduce the upper bounds of the laws' stiffnesses, so that their sum stays possible.
+    """Reduce the upper bounds of the laws' stiffnesses until their sum is a possible stiffness.
 
     Upper bounds that the campaign does not state are lowered by one factor; stated ones must leave
     room for them.
@@ -241,7 +241,7 @@ def _shared(
 def chosen_coordinates(
     best: Fit, settings: Identify, laws: tuple[str, ...]
 ) -> Iterator[tuple[type[Law], Coordinates]]:
-    """Yield each law whose parameters are sampled in other coordinates, with these coordinates.
+    """Yield each law that is sampled in alternative coordinates, with these coordinates.
 
     A campaign chooses them by `coordinates`. With "auto" they are used where the campaign bounds
     none of the law's parameters and the fit does not determine all of them.
@@ -287,7 +287,7 @@ def coordinate_box(
 
 
 def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> tuple[Product, ...]:
-    """Return those products of each law's parameters that small motion determines.
+    """Return the products of each law's parameters that small motion determines.
 
     If a law is sampled in other coordinates, its parameters are also returned as products of these.
     Only products of sampled parameters (`names`) are returned.

@@ -33,10 +33,12 @@ from jbw.observables.dataset import Dataset
 
 Chains = Float[np.ndarray, "chain draw"]
 Draws = Float[np.ndarray, " draw"]
-DISTANCE = 2.0  # standard deviations from the fit to the tested points
-LEAST, MOST = 1.0, 4.0  # the tested difference, 2 for a Gaussian posterior
-SIZE, MOST_ROUNDS = 256, 12  # points of a round of weighting, and rounds
-# Effective points after which no further round begins, and below which the Gaussian is taken.
+DISTANCE = 2.0  # distance of the tested points from the fit, in standard deviations
+# limits of the difference of log likelihood at that distance, which is 2 for a Gaussian posterior
+LEAST, MOST = 1.0, 4.0
+SIZE, MOST_ROUNDS = 256, 12  # number of points in a round of weighting, and number of rounds
+# numbers of effective points: with the first no further round begins, below the second the Gaussian
+# is used
 ENOUGH, FEWEST = 200.0, 100.0
 MOST_KHAT = 1.0  # k-hat above which weights have no finite mean
 
@@ -84,7 +86,7 @@ def is_curved(ready: Fitted) -> bool:
 def weighted_draws(
     key: Key[Array, ""], ready: Fitted, num_chains: int, num_draws: int
 ) -> WeightedDraws | None:
-    """Return draws from weighted points; None if the weights cannot be trusted in any coordinates.
+    """Return draws from weighted points; None if no coordinates give reliable weights.
 
     Logarithms are the first coordinates. If their weights are poor, those along the valley of the
     least determined parameter are tried too, and the better are taken.
@@ -99,7 +101,7 @@ def weighted_draws(
         if (place := coordinates()) is None:
             continue
         problem = problem_of(dataset.log_likelihood, prior, data, place)
-        with suppress(ModelError):  # no point of these coordinates can be solved
+        with suppress(ModelError):  # No point can be solved in these coordinates.
             tried.append(points(key, problem, size=SIZE, least=ENOUGH, most_rounds=MOST_ROUNDS))
         if tried and tried[-1].khat < GOOD_KHAT:
             break
@@ -119,7 +121,7 @@ def weighted_draws(
 def solvable_draws(
     key: Key[Array, ""], density: Draws, theta: Mapping[str, Draws], data: Dataset
 ) -> tuple[Draws, dict[str, Draws]]:
-    """Return draws in which solvable ones replace those at which the model cannot be solved.
+    """Return the draws; replace draws for which the model cannot be solved by solvable ones.
 
     A Gaussian reaches parameters that no motion belongs to, at which a posterior is zero. A single
     such draw would leave a prediction without a median.

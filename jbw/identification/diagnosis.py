@@ -26,14 +26,15 @@ FEWEST = 5  # smallest number of measured values from which an exponent is estim
 EXPONENTS = (0.1, 4.0)
 DRAWN = 400  # number of random variations of the measured values, from which bands are computed
 SEED = 0
-# change of frequency on both sides of a turning point, in standard deviations, that proves it
+# Frequency changes on both sides of a turning point that prove it, in standard deviations.
 TURNS = 3.5
 LEAST_TURN = 1e-4  # smallest relative change of frequency on both sides of a turning point
-CURVES = 15  # With more values than this, neighbouring ones are averaged.
+CURVES = 15  # If there are more values than this, neighbouring values are averaged.
 # number of averages; smallest number of measured values from which a turning point is searched
 GROUPS, FEWEST_TURNING = 8, 6
 Values = Float[np.ndarray, " point"]
-# relative error of the ratio of damping to frequency change, by higher orders in amplitude
+# relative error of the ratio of damping to frequency change, due to neglected higher orders in
+# amplitude
 CLOSE = 0.1
 
 
@@ -73,7 +74,7 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
-    """Determine exponents and the ratio of damping to softening; None with too few values.
+    """Determine exponents and the ratio of damping to softening; None if there are too few values.
 
     Bands come from readings drawn within their errors. Readings are weighted by their amplitude:
     the noise of frequency and damping falls as the motion grows.
@@ -92,7 +93,7 @@ def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
 
 
 def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
-    """Return the amplitude where the frequency turns, with its band; None if it is monotonic.
+    """Return the amplitude at which the frequency stops falling or rising, with its band, or None.
 
     The frequency must change by more than 3.5 standard deviations on both sides of the point. Many
     readings are averaged in groups of neighbouring amplitudes.
@@ -116,7 +117,7 @@ def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
 
 
 def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
-    """Return the numbers of a `Diagnosis` from one set of frequencies and damping ratios."""
+    """Return the values of a `Diagnosis` from one set of frequencies and damping ratios."""
     y_max = float(y.max())
     x = y / y_max
     share = x**2 / np.sum(x**2)  # Values are weighted by their amplitude.
@@ -150,7 +151,7 @@ def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
 def _smooth_pair(
     omega: Float[np.ndarray, " two"], zeta: Float[np.ndarray, " two"], y_max: float
 ) -> tuple[float, float]:
-    r"""Return a spring c y|y| and a damper c v|v| that explain changes linear in amplitude.
+    r"""Return c of a spring c y|y| and a damper c v|v| that explain changes linear in amplitude.
 
     $$\frac{\Delta\omega}{\omega} = \frac{8}{3\pi} \frac{c Y}{2 \omega^2}, \qquad
       \Delta\zeta = \frac{8}{3\pi} \frac{c' Y}{2}$$

@@ -44,15 +44,16 @@ from jbw.report.messages import discrepancy as messages
 
 # smallest range of log amplitude from which the slope of an error is estimated
 LEAST_RANGE = float(np.log(2.0))
-POWERS = (0, 1, 2)  # tried exponents of amplitude: a change of stiffness, friction, a cubic spring
-# largest factor by which a standard deviation grows, at a distance of the whole range
+# exponents of amplitude that are tried: those of a stiffness change, of friction, of a cubic spring
+POWERS = (0, 1, 2)
+# largest factor by which a standard deviation grows below the fitted amplitudes
 MOST_GROWN = 3.0
-COUNTS = 1e-3  # smallest relative error that counts, such as the nonlinearity of a good sensor
-ONE_LEVEL = 1.1  # Runs whose amplitudes have a smaller ratio are repeats of one level.
+COUNTS = 1e-3  # smallest relative error that matters; a good sensor's nonlinearity is as large
+ONE_LEVEL = 1.1  # Runs whose amplitudes have a smaller ratio than this are repeats of one level.
 
 
 class Scatter(NamedTuple):
-    """A standard deviation at the largest fitted amplitude, with its exponent of amplitude.
+    """The standard deviation of an error at the largest fitted amplitude, and how it grows.
 
     `whole` is the standard deviation of the whole error, including that of the parameters; it grows
     outward.
@@ -79,7 +80,8 @@ class AtAmplitude(NamedTuple):
     frequency: float  # error of the law in natural frequency: relative standard deviation [-]
     damping: float  # error of the law in damping ratio: standard deviation [-]
     share: float  # factor on the remaining error of the response
-    beyond: float = 0.0  # factor on the part of that error which grows beyond the fitted amplitudes
+    # factor on the additional error of the response beyond the fitted amplitudes
+    beyond: float = 0.0
 
 
 NOTHING = AtAmplitude(0.0, 0.0, 0.0)
@@ -91,7 +93,8 @@ class Discrepancy:
 
     forced: Missed
     decays: Missed  # errors in predictions of a decay from its start
-    # remaining error relative to the rms of the response, by kind of test
+    # error of the response that shifts of frequency and damping do not explain, relative to its
+    # rms, by kind of test
     share: Mapping[str, Scatter]
     y_low: float  # smallest and largest fitted amplitude [m]; 0 if unknown
     y_high: float
@@ -99,12 +102,12 @@ class Discrepancy:
 
     @property
     def is_nothing(self) -> bool:
-        """Whether the law has no error beyond noise."""
+        """Whether the law has no error that exceeds the noise."""
         scatters = (*self.forced, *self.decays, *self.share.values())
         return not any(scatter.std or scatter.whole for scatter in scatters)
 
     def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
-        """Return the sd of the law's errors at an amplitude [m]; for None the largest sd."""
+        """Return the sd of the law's errors at an amplitude [m]; the largest sd if it is None."""
         grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
         ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
         within = 1.0 if beyond else grown
@@ -129,7 +132,7 @@ class Discrepancy:
         return growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
-        """Return a kind of test's remaining error relative to its rms; the largest if unknown."""
+        """Return a test kind's remaining error relative to its rms; the largest if unknown."""
         shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
         return shares.get(kind, max(shares.values(), default=0.0))
 
@@ -139,7 +142,7 @@ def _at(share: Scatter, missed: AtAmplitude) -> float:
 
 
 def growth(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt g$ by which a standard deviation grows at an amplitude y [m].
+    r"""Return the factor $\sqrt g$ on the law's standard deviations at an amplitude y [m].
 
     It grows with the logarithm of the amplitude; below the fitted range, where a joint is stuck, to
     three at most.
@@ -152,7 +155,7 @@ def growth(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt{g_r}$ by which the error of a held-out run is scaled.
+    r"""Return the factor $\sqrt{g_r}$ by which the error of a held-out run is divided.
 
     Below the fitted amplitudes it is linear in the amplitude, because the error of a run there may
     be no larger than an error that is linear in the amplitude.
@@ -163,7 +166,7 @@ def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def outward(y: float | None, y_low: float, y_high: float) -> float:
-    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ on the law's error; 0 up to $y_{max}$."""
+    r"""Return the factor $\sqrt{g (y / y_{max})^4 - 1}$ on the law's error, 0 up to $y_{max}$."""
     if y is None or not 0 < y_low <= y_high < y:
         return 0.0
     grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)
@@ -171,7 +174,7 @@ def outward(y: float | None, y_low: float, y_high: float) -> float:
 
 
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:
-    """Return the stored model discrepancy of a run."""
+    """Return the model discrepancy that a run has stored."""
     rests = found["rest"]
     beyond = found.get("rest_beyond", xr.zeros_like(rests))
     pairs = zip(rests.kind.values, rests.values.tolist(), beyond.values.tolist(), strict=True)
@@ -226,7 +229,7 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
 
 
 def unscored_levels(found: xr.Dataset) -> str:
-    """Return the key of the reason why predictions of other levels are not scored, or ""."""
+    """Return the key of the reason why other levels' predictions are not scored, or ""."""
     if not found.sizes["run"]:
         return "two runs" if found.attrs["num_runs"] > 1 else "one run"
     y_low, y_high = _range(found)

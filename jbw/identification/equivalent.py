@@ -24,13 +24,14 @@ from jbw.report.messages import effects as messages
 
 NUM_DRAWS = 200
 DAMPING = "quadratic_damping"  # law with damping and without hysteresis
-KNOWN = 0.2  # An effect is determined if its interval has a smaller relative half width.
-# amplitudes at which the response is checked, relative to the largest fitted one
+# An effect is determined if the half width of its interval is a smaller fraction of its value.
+KNOWN = 0.2
+# amplitudes at which the chains' responses are compared, relative to the largest fitted amplitude
 SHARES = (0.1, 0.3, 1.0)
 
 
 class Effects(NamedTuple):
-    """The relative change of natural frequency, and the added damping ratio divided by zeta [-]."""
+    """The joint's effect: relative frequency change, and added damping ratio divided by zeta."""
 
     frequency: Float[np.ndarray, " draw"]
     damping: Float[np.ndarray, " draw"]
@@ -42,7 +43,7 @@ def effects(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Effects | None:
-    r"""Return the change of frequency and damping by the joint at an amplitude Y [m].
+    r"""Return the change of frequency and damping that the joint causes at an amplitude Y [m].
 
     $$\frac{\Delta\omega}{\omega_n} = \sqrt{\frac{k + k_{eq}}{\omega_n^2}} - 1, \qquad
       \frac{\Delta\zeta}{\zeta} = \frac{E}{2\pi\,\zeta\,\omega^2 Y^2}$$
@@ -63,7 +64,7 @@ def effects(
 
 
 def only_damps(found: Effects) -> bool:
-    """Return whether the joint adds damping but leaves the frequency unchanged (99 % certain)."""
+    """Return whether the joint certainly (99 %) adds damping without changing the frequency."""
     low, _, high = np.quantile(found.frequency, QUANTILES)
     return bool(low <= 0.0 <= high and np.quantile(found.damping, QUANTILES[0]) > 0.0)
 
@@ -93,7 +94,7 @@ def response_finding(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Finding | None:
-    r"""Check whether chains agree on frequency and damping against amplitude, from every draw.
+    r"""Check whether chains agree on frequency and damping at given amplitudes, from all draws.
 
     $$\omega(Y) = \sqrt{k + k_{eq}}, \qquad \zeta(Y) = \zeta + \frac{E}{2\pi\,\omega^2 Y^2}$$
 
@@ -122,7 +123,8 @@ def _joint_draws(
     theta = {**held, **sampled}
     if not set(names) <= set(theta):
         return None
-    if are_at_joints(laws):  # These draws belong to a structure with a fixed model.
+    # With several joints, the draws also need the fixed numbers of the reduced model.
+    if are_at_joints(laws):
         names += [name for name in held if name not in names]
     return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))
 
@@ -144,7 +146,7 @@ def within_response(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Amendment | None:
-    """Return the amendment that rates correlated parameters usable if their effect is determined.
+    """Return the amendment that rates correlated parameters as usable if their effect is known.
 
     The effect is determined if the 99 % intervals of frequency and damping at the largest fitted
     displacement are narrow. Parameters that are open there change no response up to that

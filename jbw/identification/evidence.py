@@ -56,20 +56,21 @@ from jbw.report.messages.laws import IN_FIRST_MODE, OF_EACH_MODE
 Laws = tuple[str, ...]
 
 NUM_SAMPLES = 250  # number of draws per group (of four)
-# largest number of rounds of points by which the evidence of badly fitting laws is estimated
+# largest number of rounds of points for the evidence of laws that fit badly
 MOST_ROUNDS = 24
-# A parameter is at a bound if it is closer to it than this part of the prior's width.
+# A parameter is at a bound if it is closer to the bound than this fraction of the prior's width.
 AT_BOUND = 1e-3
-RUN_SCATTER = 5e-4  # relative standard deviation of omega_n between runs, typical of different days
+# relative standard deviation of omega_n between runs, typical of runs on different days
+RUN_SCATTER = 5e-4
 # Ways in which several modes may have separate joints, in words.
 MEET = {"apart": OF_EACH_MODE, "first": IN_FIRST_MODE}
 OF_JOINT = frozenset(name for names in NAMES for name in (names.sign, names.shape, names.coupling))
-# largest number of rounds, in which errors are weighted by the best law and all laws are fitted
+# Largest number of rounds; in each one, all laws are fitted with the error weights of the best law.
 MOST_TURNS = 2
-# A law does not fit at all (is hopeless) if its largest likelihood is this many nats below that of
-# the best law, and its error this many times as large.
+# A law is hopeless, that is, it does not fit at all, if its largest likelihood is this many nats
+# below that of the best law and its error is this many times that of the best law.
 FAR_BELOW, FAR_OFF = 100.0, 2.0
-FEW_DRAWS = 50  # number of draws per group, for a law that is judged only by its fit
+FEW_DRAWS = 50  # number of draws per group for a law that only its fit represents
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """The name of the laws, with how modes share joints if that differs from the campaign."""
+        """The laws' name; it states how modes share joints if the campaign states otherwise."""
         return name_of(self.laws, self.meet)
 
     @property
@@ -108,7 +109,7 @@ def candidates(
     report: Report,
     parts: Parts = unkept,
 ) -> tuple[list[Candidate], dict[str, str]]:
-    """Fit each set of laws, then fit all again with the data weights of the best one.
+    """Fit each set of laws, then fit all sets again with the data weights of the best one.
 
     The priors are fixed before the first fit, by omega_n, zeta and the largest displacement alone;
     a default bound that a law's first fit reaches is moved away once. With several modes, the
@@ -142,7 +143,7 @@ def candidates(
             break
         report(messages.fitting_as(best.name))
         best_fitted = best.fitted
-        # Keep the signs of modes and the priors of these laws.
+        # Keep these laws' priors and the signs of the modes.
         unweighed = replace(
             under(best.laws, data, best.meet),
             held=best_fitted.data.held,
@@ -186,7 +187,7 @@ def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
 
 
 def alike(settings: Identify) -> Identify:
-    """Return settings that treat all laws equally: same parametrisation, same scatter of runs.
+    """Return settings that treat all laws equally: same coordinates, same variation between runs.
 
     Softening and the runs' offsets are correlated: with a wide prior, offsets could replace all
     softening.
@@ -220,7 +221,8 @@ def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
     plain = [(laws, "") for laws in sets]
     if seen.modes is None or seen.modes.meet != "common" or not seen.laws:
         return plain
-    # Free decays support one joint only: uncoupled modes are identified each in a separate band.
+    # Free decays allow one joint only, because uncoupled modes are each identified in a band of
+    # their own.
     ways = ("first",) if any(test.traits.is_free for test in seen.chosen) else tuple(MEET)
     return [*plain, *((seen.laws, meet) for meet in ways)]
 
@@ -236,7 +238,7 @@ def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
 
 
 def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
-    """Return data with a candidate's signs and shapes of modes, and its stated priors.
+    """Return data with the signs and shapes of modes, and the priors, that a candidate has.
 
     Shapes are fixed only if they were measured.
     """
@@ -246,18 +248,18 @@ def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
 
 
 def name_of(laws: Laws, meet: str = "") -> str:
-    """Return the name of the laws, with how modes share joints if that is not as stated."""
+    """Return the name of the laws, and how modes share joints, unless as the campaign states."""
     return (" + ".join(laws) or "linear") + MEET.get(meet, "")
 
 
 def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
-    """Return the error of each data group relative to its response, at a fit."""
+    """Return each data group's error at a fit, relative to the group's response."""
     residuals = dataset.residual_by_label(best.residual, data)
     return {n: e for n, e in dataset.error_by_label(residuals, data).items() if np.isfinite(e)}
 
 
 def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparametrisation]:
-    """Draw a candidate law's posterior with its evidence; return also coordinates near the draws.
+    """Draw a candidate law's posterior with its evidence; also return coordinates near the draws.
 
     The number of points is limited. If their weights cannot be trusted, the other coordinates are
     tried too.
@@ -287,13 +289,13 @@ def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparam
 
 
 def likelihood_at(best: Fit, data: Dataset) -> float:
-    """Return the log likelihood at a fit [nats], its largest value."""
+    """Return the log likelihood [nats] at a fit, which is its largest value."""
     theta = {name: np.array([value]) for name, value in best.theta.items()}
     return float(np.sum(at_points(dataset.log_likelihood, theta, data)))
 
 
 def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> set[str]:
-    r"""Return the names of candidate laws whose evidence cannot reach that of the best law.
+    r"""Return the names of candidate laws that cannot have as much evidence as the best law.
 
     $$\log Z = \log \int L\,\pi \le \log L_{max}$$
 
@@ -311,7 +313,7 @@ def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> se
 
 
 def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
-    """Return draws from the Gaussian approximation at the fit of a hopelessly wrong candidate.
+    """Return draws from the Gaussian approximation at the fit of a hopelessly wrong law.
 
     These are no posterior draws. A draw at which a solve fails is moved to the fit.
     """
@@ -332,7 +334,7 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
 
 
 def place_of(best: Fit, one: Candidate) -> Reparametrisation:
-    """Return sampling coordinates near a fit, with an axis along an undetermined direction."""
+    """Return sampling coordinates near a fit; one axis follows an undetermined direction."""
     prior, optimum = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
         return along_ridge(*optimum, prior)
@@ -342,7 +344,7 @@ def place_of(best: Fit, one: Candidate) -> Reparametrisation:
 def without_offsets(
     key: Key[Array, ""], seen: Measured, found: Sequence[Candidate], best: Candidate
 ) -> list[Candidate]:
-    """Return the candidates fitted again, with omega_n and zeta equal in all runs.
+    """Fit the candidate laws again, with omega_n and zeta equal in all runs.
 
     The data have the weights of the best law without offsets. The comparison shows how much of the
     softening the offsets of runs replace.
@@ -350,14 +352,15 @@ def without_offsets(
     settings = alike(seen.settings).model_copy(update={"offsets": "none"})
     fitted = best.fitted
     data = under(best.laws, assemble(seen), best.meet)
-    data = replace(data, held=fitted.data.held)  # The signs of the modes are kept.
+    # The signs of the modes are kept from the fit with offsets.
+    data = replace(data, held=fitted.data.held)
     ready = reweight(key, data, fitted.box, fitted.fit, settings)
     keys = jax.random.split(key, len(found))
     return [again(k, candidate, ready) for k, candidate in zip(keys, found, strict=True)]
 
 
 def offset_changes(best: Candidate, shared: Candidate) -> dict[str, Any]:
-    """Return the parameters and errors of a law with and without run offsets."""
+    """Return the parameters and errors of a law, with and without offsets of the runs."""
     pair = best.fitted.fit, shared.fitted.fit
     std = [np.sqrt(np.diag(fit.covariance)) for fit in pair]
     rows = {

@@ -41,18 +41,21 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 ROUGH = 1e-6  # relative tolerance of the sum of squares and of the step in preliminary fits
-# Two fits ended at one minimum if their sums of squares differ by a smaller part.
+# Two fits have reached the same minimum if the relative difference of their sums of squares is
+# smaller.
 SAME_COST = 10 * ROUGH
-# number of random points of the prior that are evaluated in addition to the start
+# number of random points of the prior that are evaluated in addition to the starting point
 NUM_SCREENED = 255
-# Rounds of further starts if the best point does not explain the data: number of starts, and
-# evaluations of each. The best ones of a round continue in the next.
+# Rounds of additional starts if the best point does not explain the data: number of starts, and
+# number of evaluations of each. The best fits of a round continue in the next one.
 ROUNDS = ((11, 8), (4, 12), (2, 60))
-EXPLAINED = 1.2  # If chi-square per degree of freedom is smaller, the residuals are mainly noise.
+# If chi-square per degree of freedom is smaller than this, the residuals are mainly noise.
+EXPLAINED = 1.2
 # parameters that frequency and damping against amplitude do not determine
 BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}
 STARTS = 8
-FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03  # relative errors that replace those of a curve
+# relative errors of frequency and damping, in place of those that a curve states
+FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03
 
 
 def first_fit(
@@ -61,10 +64,14 @@ def first_fit(
     settings: Identify,
     known: Mapping[str, float] | None = None,
     *,
+    start: Mapping[str, float] | None = None,
     alone: bool = False,
     parts: Parts = unkept,
 ) -> tuple[Box, Fit, Dataset]:
-    """Fit a dataset from starting values; return prior bounds, fit and dataset.
+    """Fit a dataset from starting values; return prior bounds, the fit and the dataset.
+
+    Default prior bounds follow from `known` values, measured without the joint's law, and never
+    from `start`, the parameters of an earlier fit to the same data.
 
     The returned dataset contains the signs of modes at the joint, chosen by a rough fit and again
     by the final one. If the fit from the first start does not explain the data, further starts are
@@ -72,7 +79,7 @@ def first_fit(
     """
     values = {**first_factors(data), **told_by(data.parts, data.held), **(known or {})}
     prior = box_of(settings, data, values)
-    values = {**from_amplitude_curve(key, data, prior, values), **values}
+    values = {**from_amplitude_curve(key, data, prior, values), **values, **(start or {})}
     if unknown_signs(prior, data):
         begun, data = with_signs(fit_from(key, data, prior, values, alone=True), prior, data)
         values |= begun.theta
@@ -85,10 +92,10 @@ def first_fit(
 def from_amplitude_curve(
     key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]
 ) -> dict[str, float]:
-    """Fit the laws' parameters to frequency and damping against amplitude, if measured."""
+    """Fit the laws' parameters to measured frequency and damping against amplitude, if any."""
     curves = ((part, part.shown().amplitude_curve()) for part in data.parts)
     part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
-    of_model = is_assembled(data.held)  # One mode determines only a sum over the joints.
+    of_model = is_assembled(data.held)  # One mode determines only a sum over all joints.
     if part is None or curve is None or "zeta" not in prior.names or of_model:
         return {}
     part_bounds = of_part(bounds_by_name(prior), part)
@@ -114,7 +121,7 @@ def fit_from(
     """
     ends: list[Fit] = []
     if set(prior.names) <= known.keys():
-        with suppress(ModelError):  # the model cannot be solved at the known values
+        with suppress(ModelError):  # The model cannot be solved at the known values.
             ends.append(costly_fit(dataset.stacked, prior, data, starts=inside(known, prior)))
         if ends and explains(ends[0]):
             return ends[0]
@@ -134,18 +141,18 @@ def fit_from(
 
 
 def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
-    """Return the best of a fit and fits on other sides of a law's threshold, such as macroslip."""
+    """Return the best of a fit and fits on other sides of laws' thresholds, such as macroslip."""
     ends = by_rounds(other_sides(best, prior, data), prior, data)
     return with_waterfall(max([best, *ends], key=log_evidence), [best, *ends])
 
 
 def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
-    """Return the chosen fit with the sorted final costs of all fits."""
+    """Return the chosen fit, with the sorted final costs of all fits."""
     return replace(chosen, waterfall=np.sort(np.concatenate([end.waterfall for end in ends])))
 
 
 def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:
-    """Fit from several starts in rounds, and continue the better ones; return the best first.
+    """Fit from several starts in rounds, and continue the better fits; return the best fit first.
 
     If all have ended at one minimum, none is continued. If the best ends at a bound and does not
     explain the data, it has run along a valley to a wall of the prior, which is no optimum; then
@@ -167,7 +174,7 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
 
 
 def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
-    """Continue unfinished fits until one explains the data; return all fits, the best first."""
+    """Continue unfinished fits until one explains the data; return all fits, the best one first."""
     num = ROUNDS[-1][0]
     finished, stopped = list(ends[:num]), list(ends[num:])
     for place, end in enumerate(stopped):
@@ -186,7 +193,7 @@ def rough(theta: Mapping[str, Any], prior: Box, data: Dataset) -> Fit:
 def roughly(
     begun: Sequence[Mapping[str, Any]], prior: Box, data: Dataset, evaluations: int
 ) -> list[Fit]:
-    """Return preliminary fits from several starts, each with few evaluations."""
+    """Return preliminary fits from several starts, each with a limited number of evaluations."""
     starts = {name: np.array([theta[name] for theta in begun]) for name in prior.names}
     return costly_fits(
         dataset.stacked, prior, data, starts=inside(starts, prior),
@@ -203,7 +210,7 @@ def explains(found: Fit) -> bool:
 def screened(
     key: Key[Array, ""], prior: Box, start: Mapping[str, float], known: Mapping[str, float]
 ) -> dict[str, np.ndarray]:
-    """Return trial points: the start, and random points of the prior with known values kept."""
+    """Return trial points: the start, and random points of the prior with the known values kept."""
     s = np.asarray(jax.random.uniform(key, (NUM_SCREENED, len(prior.names))))
     points = parameters_at(s, prior)
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
@@ -211,7 +218,7 @@ def screened(
 
 
 def middle_but(known: Mapping[str, float], prior: Box) -> dict[str, float]:
-    """Return the middle of the prior bounds, but known values for the parameters that have one."""
+    """Return known parameter values; for other parameters the middle of their prior bounds."""
     middle = from_unit(np.full(len(prior.names), 0.5), prior)
     return {name: known.get(name, float(middle[name])) for name in prior.names}
 
@@ -225,7 +232,7 @@ def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
 def steps_about(
     key: Key[Array, ""], best: Fit, num_draws: int
 ) -> Float[np.ndarray, "draw parameter"]:
-    """Draw steps from the covariance of the fit; the first is zero."""
+    """Draw steps from the covariance of a fit; the first step is zero."""
     white = generator(key).standard_normal((num_draws, len(best.theta)))
     steps = white @ np.linalg.cholesky(best.covariance).T
     steps[0] = 0.0
@@ -241,7 +248,7 @@ def points_at(
 
 
 class WhiteRows(NamedTuple):
-    """Stiffness and loss against amplitude, with the matrix that normalises their errors.
+    """Stiffness and loss at each amplitude, with the matrix that normalises their errors.
 
     Attributes:
         y: Amplitudes [m].
@@ -257,7 +264,7 @@ class WhiteRows(NamedTuple):
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
-    """Return stiffness and loss of a curve, with errors of 2e-4 and 3 % of the largest loss."""
+    """Return a curve's stiffness and loss; their errors are 2e-4, and 3 % of the largest loss."""
     square = curve.omega**2
     unit = float(np.mean(square))
     stiffness, loss = square / unit, 2 * curve.zeta * square / unit
@@ -288,7 +295,7 @@ class CurveMisfit(eqx.Module):
 
 
 def fit_curve(key: Key[Array, ""], laws: tuple[str, ...], prior: Box, rows: WhiteRows) -> Fit:
-    """Fit laws to stiffness and loss against amplitude, from starts all over the prior.
+    """Fit laws to stiffness and loss against amplitude, from starts over the whole prior.
 
     Raises:
         ModelError: None of the starts has a steady loop.

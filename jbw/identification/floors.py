@@ -23,12 +23,12 @@ PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}
 APART = ((0.95, 1.05), *list(PLAIN.values())[1:])
 REACH = {quantity.name: PLAIN[plain(quantity.name)] for quantity in LINEAR}
 REACH |= {quantity.name: APART[i % 3] for i, quantity in enumerate(STUCK[len(LINEAR) :])}
-# settings of a fit whose error is needed to two digits
+# settings of a fit whose error is needed to two digits only
 CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}
 
 
 def scatter_of_means(data: Dataset) -> float | None:
-    r"""Return the relative standard error of the mean of K repeats, $s / \sqrt K$; None if K = 1.
+    r"""Return the relative standard error of the mean of K repeats, $s / \sqrt K$, if K > 1.
 
     This is the root mean square over the groups. The residual of a fit refers to that mean.
     """
@@ -37,7 +37,7 @@ def scatter_of_means(data: Dataset) -> float | None:
 
 
 def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
-    """Fit a linear oscillator to each run by itself; return the relative errors by run.
+    """Fit a separate linear oscillator to each run; return the relative errors by run.
 
     `known` contains omega_n, zeta and the gain of a joint, for every drive; the fits start there.
     """

@@ -16,12 +16,12 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.report.messages import stages
 
-DECAY_KEY = 100  # number by which the random key of this step is derived
+DECAY_KEY = 100  # number from which the random key of this posterior is derived
 
 
 @dataclass(frozen=True)
 class FreeDecays:
-    """The result for free decays alone: envelopes, posterior, findings."""
+    """The result of the fit to free decays alone: envelopes, posterior, findings."""
 
     data: Decays | None = None  # the envelopes, with the noise estimated in the fit
     step: Step | None = None  # the separate posterior; None if it was not drawn
@@ -37,7 +37,7 @@ def free_decays(
     report: Report,
     keep: Keep,
 ) -> FreeDecays:
-    """Draw the posterior of free decays alone, in addition to the posterior of all tests.
+    """Draw a posterior from the free decays alone, in addition to that from all tests.
 
     If it cannot be drawn, a finding says so and the joint posterior remains valid. If decays alone
     show no joint, their posterior is kept, but predictions of decays use the joint posterior.
@@ -66,5 +66,5 @@ def free_decays(
 
 
 def decays_in(data: Dataset) -> Any:
-    """Return the envelopes of free decays in a fitted dataset; None without any."""
+    """Return the envelopes of free decays in a fitted dataset, or None."""
     return next((part for part in data.parts if part.own_shifts), None)

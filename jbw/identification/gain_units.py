@@ -11,7 +11,7 @@ from jbw.quantities import gain_unit
 
 
 def source_units(tests: Sequence[Test]) -> dict[str, str]:
-    """Return the unit of the source for each drive; the last drive comes first."""
+    """Return the unit of the source of each drive; the drive of the last test comes first."""
     return {drive_of(test): test.records[0].units[test.records[0].source] for test in
             reversed(driven(tests))}  # fmt: skip
 

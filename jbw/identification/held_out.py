@@ -14,7 +14,7 @@ under_way = logging.getLogger("jbw.progress")
 
 
 class HeldOut(NamedTuple):
-    """Held-out data groups, and the fit to all other groups.
+    """Held-out data groups, with the fit to all other groups.
 
     Attributes:
         labels: Labels of the held-out groups.
@@ -34,7 +34,7 @@ def held_out[Piece: Hashable](
     data: Dataset,
     stage: str = "",
 ) -> dict[Piece, HeldOut]:
-    """Repeat a fit without each part of the data in turn; return the fits by part.
+    """Repeat a fit, each time without one part of the data; return the fits by omitted part.
 
     Args:
         pieces: Labels of the groups of each piece.

@@ -48,7 +48,7 @@ class Factors(NamedTuple):
 
 
 class Sensors(NamedTuple):
-    """The measured quantities that all fitted tests share; empty if there is none."""
+    """The measured quantities that all fitted tests have in common; empty if there are none."""
 
     response: str
     source: str
@@ -56,7 +56,7 @@ class Sensors(NamedTuple):
 
 
 def sensors_of(tests: Sequence[Test]) -> Sensors | None:
-    """Return the measured quantities of a campaign; None if its tests share no common scale."""
+    """Return the measured quantities of a campaign; None if its tests have no common quantity."""
     tests = [test for test in tests if test.records]
     prescribed = {test.traits.is_prescribed for test in tests}
     if prescribed == {True}:
@@ -82,7 +82,7 @@ def sensors_of(tests: Sequence[Test]) -> Sensors | None:
 def factors_of(
     rng: np.random.Generator, shape: tuple[int, ...], stated: Instruments, sensors: Sensors
 ) -> Factors:
-    """Draw clock and calibration errors for every draw of a posterior."""
+    """Draw errors of clock and calibration, one set for each draw of a posterior."""
 
     def drawn(spread: float) -> Float[np.ndarray, "..."]:
         return np.exp(spread * rng.standard_normal(shape))
@@ -111,7 +111,7 @@ def powers(unit: str) -> tuple[int, int] | None:
 
 
 def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = ()) -> xr.Dataset:
-    """Return a posterior whose draws are converted from recorded to true units."""
+    """Return a posterior with its draws converted from recorded to true units."""
     theta = {str(name): values.values for name, values in posterior.data_vars.items()}
     law_powers = [law.of(theta).powers_of_length() for law in laws_named(laws)]
     lengths = {name: power for powers_of_law in law_powers for name, power in powers_of_law.items()}
@@ -206,7 +206,7 @@ def _clocked(stated: Instruments, sensors: Sensors) -> bool:
 
 
 def as_recorded(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:
-    """Return the draws before clock and calibration errors were added."""
+    """Return the draws as they were before errors of clock and calibration were added."""
     return before[[name for name in before.data_vars if not before[name].equals(after[name])]]
 
 

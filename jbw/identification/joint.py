@@ -54,28 +54,31 @@ from jbw.quantities import BY_NAME
 from jbw.report.messages import posterior as messages
 from jbw.report.messages import stages
 
-READINGS_KEY = 200  # number by which the random key of the fits of single modes is derived
+READINGS_KEY = 200  # number from which the random key of the single-mode fits is derived
 
 
 @dataclass(frozen=True)
 class JointProblem:
-    """The input of a joint posterior: the data, and what is known before the fit."""
+    """The input of a joint posterior: the data, and the knowledge from before the fit."""
 
     data: Dataset  # all fitted tests, reduced
     settings: Identify
-    # starting values from Steps 2 to 4
+    # starting values from the line fit and the kernel fit (Steps 2 to 4)
     known: Mapping[str, float] = field(default_factory=dict)
     readings: Readings = NOTHING  # results of single-mode fits, for several joints
     tests: tuple[Test, ...] = ()  # tests, whose sources determine the units of gains
+    # parameters of an earlier fit to the same data, from which the fit starts
+    start: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class JointPosterior:
-    """The draws of all parameters, gains and noise levels, with the fit before them."""
+    """The draws of all parameters, gains and noise levels, with the fit that preceded them."""
 
     name: str  # "joint", or "decay" for free decays alone
-    tree: xr.DataTree  # the result tree, with noise, laws' parameters and products
-    fitted: Fitted  # the fit under the sampled prior
+    # the result tree, with the noise levels, the laws' parameters and their products
+    tree: xr.DataTree
+    fitted: Fitted  # the fit with the prior that was sampled
     wall_s: float  # time for fit, draws and compilation [s]
 
     @property
@@ -85,14 +88,19 @@ class JointPosterior:
 
     @property
     def held(self) -> dict[str, float]:
-        """The fixed parameters, which were not updated."""
+        """The fixed parameters, which were not inferred."""
         return {name: float(value) for name, value in self.fitted.data.held.items()}
 
 
 def joint_problem(
-    seen: Measured, known: Mapping[str, float], *, seed: int, report: Report
+    seen: Measured,
+    known: Mapping[str, float],
+    *,
+    seed: int,
+    report: Report,
+    start: Mapping[str, float] | None = None,
 ) -> JointProblem:
-    """Assemble a campaign's data with starting values from Steps 2 to 4 or from single modes.
+    """Assemble a campaign's data and starting values, from earlier steps or single-mode fits.
 
     Raises:
         DataError: If no test is left to fit the joint to.
@@ -100,14 +108,16 @@ def joint_problem(
     data = assemble(seen)
     report(stages.joint_posterior(len(data.labels)))
     readings = joint_readings(jax.random.fold_in(jax.random.key(seed), READINGS_KEY), seen)
-    return JointProblem(data, seen.settings, of_reading(known, data), readings, seen.tests)
+    known = of_reading(known, data)
+    return JointProblem(data, seen.settings, known, readings, seen.tests, start or {})
 
 
 def fit_problem(keys: Sequence[Key[Array, ""]], problem: JointProblem) -> Fitted:
-    """Fit the joint; determine noise, run effects, whether there is a joint, and coordinates."""
+    """Fit the joint; determine noise, differences of runs, whether a joint exists, coordinates."""
     started, readings = perf_counter(), problem.readings
     known = {**problem.known, **readings.known}
-    ready = with_readings(weighed(keys, problem.data, problem.settings, known), readings)
+    ready = weighed(keys, problem.data, problem.settings, known, start=problem.start)
+    ready = with_readings(ready, readings)
     ready = without_absent_joint(keys[0], ready) or ready
     ready = completed(keys[1], ready, problem.settings)
     return replace(ready, wall_s=perf_counter() - started)
@@ -182,7 +192,7 @@ def names_of_laws(data: Dataset) -> set[str]:
 
 
 def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
-    """Return the estimates of Step 2, renamed to the parameters of the noise test's drive."""
+    """Return a line fit's estimates, under the parameter names of the noise test's drive."""
     drive = next((part.drive for part in data.parts if part.is_linear), "")
     is_attached = drive in attached(data.parts)
     return {
@@ -193,7 +203,7 @@ def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
 def sample_joint(
     key: Key[Array, ""], ready: Fitted, settings: Identify, keep: Keep, name: str
 ) -> xr.DataTree:
-    """Draw the posterior by the stated sampler, or by the first one that is sufficient.
+    """Draw the posterior by the stated sampler, or by the first sampler that is sufficient.
 
     The ladder compares coordinates on trial points: those of the box, logarithms of parameters that
     cannot be zero, or coordinates along the ridge of the fit, from wall to wall of the box. If none
@@ -255,7 +265,7 @@ def are_enough(
 
 
 def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.DataTree:
-    """Add noise levels, parameters of the laws and their products to the posterior."""
+    """Add noise levels, the laws' parameters and their products to a posterior."""
     posterior = posterior_draws(tree)
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     derived = draw_noise_std(key, every_parameter(posterior, data), terms, data)
@@ -272,7 +282,7 @@ def every_parameter(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarra
 
 
 def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
-    """Return the draws of the laws' parameters and products that were not sampled themselves."""
+    """Return draws of those parameters and products of the laws that were not sampled."""
     theta, derived = every_parameter(posterior, data), {}
     for law in laws_named(data.laws):
         parameters = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}

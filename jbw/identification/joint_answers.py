@@ -29,12 +29,14 @@ from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
 
 JOINTS = "joints"
-SPREAD = 2.0  # A joint is identified if the ends of a 99 % interval have a smaller ratio.
-# If the ratio of losses to stiffness loss in a mode is smaller, the joint is a spring.
+# A joint's effect is identified if the ends of its 99 % interval differ by a smaller factor.
+SPREAD = 2.0
+# If the ratio of losses to stiffness loss in a mode is smaller than this, the joint is a spring.
 NO_LOSS = 1e-9
-# A sentence says that a joint damps a mode if it has more than this part of the mode's losses.
+# A sentence states that a joint damps a mode if it causes more than this fraction of the mode's
+# losses.
 MAIN = 0.5
-NUM_PHASES = 64  # number of points of a loop that is stored
+NUM_PHASES = 64  # number of stored points of a loop
 BACKBONES = "backbones"
 
 
@@ -103,14 +105,14 @@ def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.
 
 
 def draws_of_joints(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
-    """Return the draws of the joint laws' parameters, and of factors on the joints' motion."""
+    """Return the draws of the parameters of the joints' laws, and of factors on joint motion."""
     names = {quantity.name for quantity in quantities_of(data.laws)}
     names |= motion_factors_in(posterior).keys()
     return {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in names}
 
 
 def values_of(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
-    """Return the draws of a parameter, or its fixed value."""
+    """Return the draws of a parameter, or its value if it is fixed."""
     if name in posterior:
         return posterior[name].values.ravel()
     return np.atleast_1d(np.asarray(data.held[name]))
@@ -141,7 +143,7 @@ def _words(unit: str, meaning: str) -> dict[str, str]:
 
 
 def _shares(parts: Float[np.ndarray, "joint mode draw"]) -> Float[np.ndarray, "joint mode draw"]:
-    """Return each joint's contribution as a share of the sum of all joints; NaN if this is zero."""
+    """Return each joint's contribution divided by the sum over all joints; NaN if this is zero."""
     total = parts.sum(axis=0)
     return parts / np.where(total != 0, total, np.nan)
 
@@ -155,7 +157,7 @@ def _bands(draws: Float[np.ndarray, "joint mode draw"]) -> tuple[tuple[str, ...]
 
 
 def _factors(posterior: xr.Dataset, modes: Modes, names: Sequence[str]) -> dict[str, Any]:
-    """Return the factors on each joint's motion in each mode; empty if the model fixes these."""
+    """Return the factors on each joint's motion in each mode; empty if the model is certain."""
     if not modes.uncertain:
         return {}
     size = posterior["omega_n"].size if "omega_n" in posterior else 1
@@ -176,7 +178,7 @@ def _identified(
     softening: Float[np.ndarray, "joint mode draw"],
     losses: Float[np.ndarray, "joint mode draw"],
 ) -> list[bool]:
-    """Return whether the effect of each joint is determined to a factor of two in some mode.
+    """Return for each joint whether its effect on some mode is known to a factor of two.
 
     Tied joints share one law, so any of them and any mode may determine it.
     """
@@ -221,7 +223,7 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
 
 
 def _shape_words(group: xr.Dataset) -> list[str]:
-    """Return sentences on the factors on joint motion, if the model's shapes are uncertain."""
+    """Return sentences on the factors on joint motion, if the model's mode shapes are uncertain."""
     if "motion_factor" not in group:
         return []
     factors = group["motion_factor"]
@@ -234,7 +236,7 @@ def _shape_words(group: xr.Dataset) -> list[str]:
 
 
 def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
-    """Return the sentence that one joint causes most of the losses of a mode, if clear."""
+    """Return the sentence that one joint causes most of a mode's losses, if that is clear."""
     low, middle, high = (of_mode["loss_share"].isel(quantile=i).values for i in range(3))
     if np.all(np.isnan(middle)):
         return []

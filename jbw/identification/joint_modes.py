@@ -42,10 +42,11 @@ from jbw.quantities import joints_of, motion_factors_in, name_at
 
 # amplitudes of a mode, relative to its largest measured amplitude
 LEVELS = np.linspace(0.0, 1.0, 9)[1:]
-NUM_HARMONICS = 3  # number of odd harmonics: frequencies to 1e-6, damping to 1e-4 in small slip
+# number of odd harmonics; the errors are then 1e-6 of frequency, and 1e-4 of damping at small slip
+NUM_HARMONICS = 3
 MAX_TURNS = 2  # largest number of turning points of a joint in a period
 NUM_FREE = 48  # smallest number of posterior draws for which mode shapes depend on amplitude
-SPARE = 3  # smallest number of such draws per parameter
+SPARE = 3  # smallest number of such posterior draws per parameter
 # names of the parameters of fully stuck modes
 STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)
 
@@ -104,7 +105,7 @@ class JointModes(NamedTuple):
 def joint_modes(
     posterior: xr.Dataset, data: Dataset, about: Mapping[str, float] | None = None
 ) -> JointModes | None:
-    """Return the modes that tests drive, against amplitude; None for a single joint.
+    """Return the driven modes against amplitude; None for a single joint.
 
     Draws of a Gaussian approximation at a fit (`about`) are propagated by first order. Where the
     tests determine only a sum of joints, such draws leave the narrow curved valley along which the
@@ -156,7 +157,7 @@ def _stiffness(data: Dataset) -> Float[np.ndarray, " joint"]:
 def _backbones(
     theta: Mapping[str, float], data: Dataset, amplitude: Float[np.ndarray, "mode level"]
 ) -> tuple[ModalBackbone, ...]:
-    """Compute the extended periodic motion of every mode at one parameter point."""
+    """Compute the backbone (periodic motion) of every mode at one parameter point."""
     structure = structure_of(as_arrays(theta, data), data.laws)
     levels = np.where(np.isfinite(amplitude), amplitude, 0.0)
     curves = (
@@ -172,7 +173,7 @@ def _backbones(
 def _with_free_shape(
     backbones: Sequence[ModalBackbone], stiffness: Float[np.ndarray, " joint"]
 ) -> ModeNumbers:
-    """Return frequency, damping and each joint's part, with mode shapes that follow amplitude."""
+    """Return frequency, damping and joint contributions; mode shapes depend on amplitude."""
     omega, zeta, q, x, r = (
         np.stack([getattr(curve, name) for curve in backbones])
         for name in ("omega", "zeta", "q", "x", "r")
@@ -192,7 +193,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Return frequency, damping and each joint's part, with the fully stuck mode shapes."""
+    """Return frequency, damping and joint contributions, for the shapes of fully stuck modes."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}
@@ -224,7 +225,7 @@ def _in_full_stick(
 
 
 def _in_deviations(theta: Mapping[str, np.ndarray]) -> Float[np.ndarray, "draw parameter"]:
-    """Return the draws minus the first one, in standard deviations (of logs if positive)."""
+    """Return draws minus the first one, in standard deviations; use logs if positive."""
     columns = [np.log(draws) if np.all(draws > 0) else draws for draws in theta.values()]
     steps = np.stack([column - column[0] for column in columns], axis=-1)
     return steps / np.maximum(np.std(steps, axis=0), np.finfo(float).tiny)
@@ -235,7 +236,7 @@ def _ratios(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, "... draw"]:
-    """Extend ratios that are known only for some draws linearly to all draws.
+    """Extend ratios, known only for some draws, to all draws by linear regression.
 
     The result is clipped to the range of the known ratios. It is one if the first ratio is unknown.
     """
@@ -250,7 +251,7 @@ def _linear(
     steps: Float[np.ndarray, "draw parameter"],
     chosen: Int[np.ndarray, " some"],
 ) -> Float[np.ndarray, " draw"]:
-    """Extend one ratio that is known only for some draws linearly to all draws."""
+    """Extend one ratio, known only for some draws, to all draws by linear regression."""
     if not np.isfinite(ratios[0]):
         return np.ones(len(steps))
     is_known = np.isfinite(ratios)
@@ -291,7 +292,6 @@ def _by_first_order(
 def _about(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> tuple[Float[Array, "two joint mode level"], dict[str, Float[Array, "two joint mode level"]]]:
-    """Return the joints' stiffness loss K and losses L at a parameter point, with derivatives."""
     return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
 
 
@@ -299,7 +299,6 @@ def _about(
 def _each_draw(
     theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> Float[Array, "two joint *mode_level draw"]:
-    """Return the joints' stiffness loss K and losses L, by mode, for every draw."""
     return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
 
 

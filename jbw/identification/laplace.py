@@ -56,21 +56,21 @@ from jbw.report.messages import stages
 
 NUM_CHAINS, NUM_DRAWS = 4, 1000  # numbers of chains and of draws, as in a sampled posterior
 Points = Float[np.ndarray, "draw parameter"]
-SPARE = 8  # factor on the number of points, so that enough of them lie within the prior bounds
-NOTHING = 1e-9  # factor that makes offsets between runs vanish
-LEAST = 12.0  # inverse variance of the prior, in units of its squared width
+SPARE = 8  # factor on the number of points, so that enough of them lie within the bounds
+NOTHING = 1e-9  # factor that suppresses offsets between runs
+LEAST = 12.0  # inverse variance of a uniform prior, in units of its squared width
 
 
 def fit_alone(
-    seen: Measured, *, seed: int, report: Report, known: Mapping[str, float] | None = None
+    seen: Measured, *, seed: int, report: Report, start: Mapping[str, float] | None = None
 ) -> Posteriors:
-    """Fit all tests of a campaign and return the Gaussian approximation in place of draws.
+    """Fit all tests of a campaign; return a Gaussian approximation in place of sampled draws.
 
     Args:
         seen: The tests of the campaign.
         seed: Random seed.
         report: Function that is called with one sentence before the fit.
-        known: Values from which the fit starts.
+        start: Parameters of an earlier fit, from which the fit starts.
 
     Raises:
         DataError: If no test is left to fit the joint to.
@@ -79,8 +79,8 @@ def fit_alone(
     data = assemble(seen)
     report(stages.least_squares(len(data.labels)))
     readings = joint_readings(key, seen)
-    values = {**(known or {}), **readings.known}
-    ready = prepare(parts_of(key, 2), data, seen.settings, values, quick=True)
+    keys = parts_of(key, 2)
+    ready = prepare(keys, data, seen.settings, readings.known, start=start, quick=True)
     ready = with_readings(ready, readings)
     ready = widened_by_fit(ready, seen.settings.prior) or ready
     ready = replace(ready, wall_s=perf_counter() - started)
@@ -90,7 +90,7 @@ def fit_alone(
 def about_fit(
     key: Key[Array, ""], seen: Measured, ready: Fitted, *, weighs: bool = False
 ) -> Posteriors:
-    """Return a fit's Gaussian approximation in the form of sampled posteriors.
+    """Return a fit's Gaussian approximation in the same form as a sampled posterior.
 
     If `weighs`, weighted points replace the Gaussian where the posterior is curved.
     """
@@ -111,7 +111,7 @@ def laplace_tree(
     draws: tuple[np.ndarray, Mapping[str, np.ndarray]],
     weighted: WeightedDraws | None,
 ) -> xr.DataTree:
-    """Return weighted or Gaussian draws about a fit in the groups of a sampler's result."""
+    """Return weighted or Gaussian draws near a fit, in the groups of a sampler's result."""
     lp, theta = draws
     meant = messages.LOG_DENSITY if weighted is None else messages.LOG_LIKELIHOOD
     low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
@@ -159,7 +159,7 @@ def checks_of_fit(joint: JointPosterior, weighted: WeightedDraws | None) -> Chec
 
 
 def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
-    """Return findings against a fit's laws and bounds: no hysteresis, draws at a bound."""
+    """Return findings that question a fit's laws and bounds: no hysteresis, draws at a bound."""
     data = ready.data
     findings = []
     if (added := effects(drawn, data.held, ready.y_peak, data.laws)) is not None:
@@ -172,7 +172,7 @@ def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
 
 
 class Gaussian(NamedTuple):
-    """One Gaussian component near a fit, with its share of the posterior."""
+    """One Gaussian component of the posterior near a fit, with its weight."""
 
     share: float
     mean: Float[np.ndarray, " parameter"]  # mean, relative to the fit
@@ -182,7 +182,7 @@ class Gaussian(NamedTuple):
 def laplace_draws(
     key: Key[Array, ""], ready: Fitted
 ) -> tuple[Float[np.ndarray, " draw"], dict[str, Float[np.ndarray, " draw"]]]:
-    """Draw from a fit's Gaussian within the prior bounds; return log densities and parameters.
+    """Draw from a fit's Gaussian within the bounds; return log densities and parameters.
 
     The first draw is the fit. If too few points lie within the box, as near a fit at a bound, the
     Gaussian is drawn within it. Parameters are not moved singly, because they are correlated.
@@ -219,13 +219,13 @@ def laplace_draws(
         apart[0] = white[0] = 0.0
         chosen = np.arange(count)
         theta = parameters(apart[chosen])
-    inside = np.clip(theta[chosen], lower, upper)  # By rounding, the fit may be outside the bounds.
+    inside = np.clip(theta[chosen], lower, upper)  # Rounding may move the fit outside the bounds.
     log_density = -0.5 * np.sum(white[chosen] ** 2, axis=1)
     return log_density, {name: inside[:, i] for i, name in enumerate(prior.names)}
 
 
 def gaussians_about(ready: Fitted) -> list[Gaussian]:
-    r"""Return the Gaussian at a fit; with run offsets, one for each possible scatter of them.
+    r"""Return the Gaussian at a fit; with run offsets, one Gaussian per grid value of their sd.
 
     $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
       P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$
@@ -238,7 +238,7 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
     columns = [[i for i, n in enumerate(prior.names) if plain(n) == name] for name in OFFSETS]
     if not (data.has_offsets and all(columns)):
         return [Gaussian(1.0, np.zeros(len(prior.names)), best.covariance)]
-    # With offsets suppressed, the rows are the plain residuals, computed by the program of the fit.
+    # With suppressed offsets, the rows are the plain residuals, computed by the program of the fit.
     bare = replace(data, scatter=jax.device_put(NOTHING * np.asarray(data.scatter)))
     part = evaluator(dataset.stacked, prior, bare)
     width = np.asarray(prior.upper) - np.asarray(prior.lower)
@@ -289,7 +289,7 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
 def _covariance_of_offsets(
     scatter: Float[np.ndarray, " level_own"], data: Dataset
 ) -> Float[np.ndarray, "run_own run_own"]:
-    """Return the prior covariance of all runs' offsets; runs of one assembly share a component."""
+    """Return the prior covariance of all offsets; runs of one assembly share a component."""
     num_offsets, num_runs = len(OFFSETS), len(data.shared_runs)
     run_covariance = np.kron(np.eye(num_runs), np.diag(scatter[:num_offsets] ** 2))
     if len(scatter) == num_offsets:
@@ -302,7 +302,7 @@ def _covariance_of_offsets(
 
 
 def not_sampled(weighted: WeightedDraws | None) -> Finding:
-    """Return the finding that a quick answer's posterior was not sampled, and what replaces it."""
+    """Return the finding that a quick answer replaced posterior draws by an approximation."""
     effective = None if weighted is None else weighted.effective
     values = {"intervals": messages.intervals_of_fit(effective)}
     return Finding("not_sampled", "not assessed", values, float("nan"))

@@ -39,14 +39,14 @@ from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import quantities_of
 
-# Numbers for a fit without one run: points per round, required effective points, and most rounds;
-# with and without integration in time.
+# Settings for the posterior without one run: points per round, required number of effective points,
+# and largest number of rounds (True: with integration in time).
 SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
 
 
 @dataclass(frozen=True)
 class LeftOut:
-    """The scores and errors of a law's predictions of each held-out run.
+    """A law's scores and errors in predicting each held-out run.
 
     Attributes:
         elpd: Log predictive density by run [nats].
@@ -63,13 +63,13 @@ class LeftOut:
 
 
 def runs_of(data: Dataset) -> dict[str, list[str]]:
-    """Return the data group labels of each run that can be held out."""
+    """Return, for each run that can be held out, the labels of its data groups."""
     counted, runs = noise.fractions_counted(data), labels_by_run(data).items()
     return {run: labels for run, labels in runs if any(label in counted for label in labels)}
 
 
 def each_run(one: Candidate) -> dict[str, HeldOut]:
-    """Return the fits of a candidate law without each run in turn."""
+    """Return a candidate law's fits, each without one of the runs."""
     fitted = one.fitted
     return held_out(runs_of(fitted.data), fitted.fit, fitted.box, fitted.data)
 
@@ -99,7 +99,7 @@ def left_out(
 
 
 def left_out_of_fits(one: Candidate) -> LeftOut:
-    r"""Return each run's log density at the fit without it, $\log p(D_r | \hat\theta_{-r})$.
+    r"""Return each run's log density at the fit to the other runs, $\log p(D_r | \hat\theta_{-r})$.
 
     The width of a posterior adds a few nats, which do not matter for a hopeless law.
     """
@@ -109,12 +109,12 @@ def left_out_of_fits(one: Candidate) -> LeftOut:
 
 
 def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
-    """Return the log density of held-out data groups at a fit to the others [nats]."""
+    """Return the log density [nats] of held-out data groups at a fit to the other groups."""
     return likelihood_at(piece.fit, data) - likelihood_at(piece.fit, piece.rest)
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
-    """Return factors that restore the likelihood terms of held-out data groups; None if impossible.
+    """Return factors that rescale the likelihood terms of held-out groups; None if impossible.
 
     The factors lead from the terms of `rest`, where these groups are silenced, to those of `data`.
 
@@ -130,7 +130,7 @@ def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] |
 def _by_draws(
     tree: xr.DataTree, names: Sequence[str], data: Dataset, rest: Dataset
 ) -> tuple[float, float] | None:
-    """Return log predictive density [nats] of held-out data groups and k-hat, or None."""
+    """Return held-out groups' log predictive density [nats] and k-hat, from the draws, or None."""
     posterior = posterior_draws(tree)
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     terms = terms.reshape(-1, terms.shape[-1])
@@ -153,7 +153,7 @@ def _by_points(
     piece: HeldOut,
     about_all: Reparametrisation,
 ) -> tuple[float, float]:
-    """Return log predictive density [nats] and k-hat of held-out groups, by newly drawn points."""
+    """Return held-out groups' log predictive density [nats] and k-hat, from newly drawn points."""
     parametrisations = {"fit": lambda: place_of(piece.fit, candidate), "draws": lambda: about_all}
     points = weighed_in(key, candidate.fitted.box, piece.rest, parametrisations)
     times = _told_by_terms(candidate.fitted.data, piece.rest)
@@ -168,7 +168,7 @@ def _by_points(
 
 
 def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -> WeighedPoints:
-    """Draw weighted points of a posterior in the best of several coordinate systems."""
+    """Draw weighted points of a posterior in the best of several sets of coordinates."""
     looking, drawing = jax.random.split(key)
     _, place, _ = choose(looking, Target(dataset.log_likelihood, prior, data), places)
     problem = problem_of(dataset.log_likelihood, prior, data, place)
@@ -176,14 +176,14 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
 
 
 def _error_of(piece: HeldOut, candidate: Candidate) -> float:
-    """Return the relative error of held-out data groups; each run has its own omega_n."""
+    """Return the relative error of held-out data groups; each run may have its own omega_n."""
     fitted = candidate.fitted
     errors = errors_with_own_frequency(piece.fit, fitted.box, fitted.data)
     return rms([errors[label] for label in piece.labels if label in errors])
 
 
 def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = ()) -> Box:
-    """Return prior bounds with twice the width for the laws' parameters.
+    """Return prior bounds in which the ranges of the laws' parameters are twice as wide.
 
     Bounds widen on both sides of zero if both signs are possible, otherwise upwards. Shares of
     omega_n^2 keep their bounds, because the joint alone cannot be stiffer than the whole; so do
@@ -201,7 +201,7 @@ def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = (
 
 
 def log_evidence_wide(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> float | None:
-    """Return the log evidence with a prior twice as wide [nats]; None if it is unreliable.
+    """Return the log evidence [nats] for a prior twice as wide; None if it is unreliable.
 
     Points are drawn around the fit, or around the moments of the posterior's draws if these are
     better.

@@ -65,14 +65,18 @@ from jbw.quantities import are_at_joints
 from jbw.report.messages import modes, stages
 from jbw.report.messages import residuals as messages
 
-FitsWithout = Mapping[tuple[str, ...], HeldOut]  # fits, by the runs that were left out
-# Runs contradict each other if leaving one out changes a parameter by so many standard deviations.
+# fits without some runs, by the names of these runs
+FitsWithout = Mapping[tuple[str, ...], HeldOut]
+# Runs contradict each other if a parameter changes by this many standard deviations when one of
+# them is omitted.
 MOVES = 4.0
-# Ratio of standard deviations without and with a test, above which a parameter depends on the test.
+# A parameter depends on a test if its standard deviation without the test is this many times as
+# large.
 WIDER = 5.0
-LEAST_GAIN = 0.01  # smallest relative gain of variance by a run, for which its change is tested
+# A parameter's change is tested if the omitted run reduces its variance by at least this fraction.
+LEAST_GAIN = 0.01
 FEWEST = 3  # smallest number of records for which their variation is computed
-BY_CHANCE = 0.01  # probability by chance of such a variation, if records agree
+BY_CHANCE = 0.01  # probability of so large a variation by chance, if records agree
 MATTERS = 1.2  # The variation is not reported if it widens the interval by less than this factor.
 REACH = float(stats.norm.isf(0.005))  # half-width of a 99 % interval in standard deviations
 # Separate joints are clearly better if a common joint makes a mode's error this many times as
@@ -81,7 +85,7 @@ CLEARLY = 1.25
 
 
 def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
-    """Repeat the fit without each run in turn; empty with fewer than two runs.
+    """Repeat the fit without each run in turn; return nothing for fewer than two runs.
 
     Runs consist of records, harmonics or loops. Free decays are left out only if there are no other
     tests, in three groups from the weakest third to the strongest: a record without a similar one
@@ -99,7 +103,7 @@ def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
 
 
 def _thirds(data: Dataset) -> list[tuple[str, ...]]:
-    """Return the run names of free decays in three groups, from weak to strong."""
+    """Return the run names of free decays, divided into three groups from weak to strong."""
     sizes = {run: y for part in data.parts for run, y in part.shown().begins.items()}
     order = sorted(sizes, key=lambda run: sizes[run])
     parts = np.array_split(np.arange(len(order)), min(len(order), 3))
@@ -109,7 +113,7 @@ def _thirds(data: Dataset) -> list[tuple[str, ...]]:
 def leave_one_out(
     best: Fit, prior: Box, data: Dataset, without_each: FitsWithout
 ) -> xr.Dataset | None:
-    """Compare the fit without each run with the fit of all runs.
+    """Compare the fits without each run with the fit to all runs.
 
     `without_each` comes from `fits_without_each_run`. `z` is NaN where a run adds nothing; `error`
     is that of a run predicted by the fit without it. At least two runs must remain, so that no fit
@@ -161,13 +165,13 @@ def leave_one_out(
 
 
 def _gained(best: Fit, piece: HeldOut, prior: Box) -> float:
-    """Return by how much the other runs' chi-square falls if one run is held out of the fit."""
+    """Return how much the other runs' chi-square falls if one run is held out of the fit."""
     before = float(np.sum(residual_at(stacked, best.x, prior, piece.rest) ** 2))
     return max(before - 2 * piece.fit.cost, 0.0)
 
 
 def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[str, float]) -> float:
-    """Return the relative error of several data groups together."""
+    """Return the relative error of several data groups taken together."""
     sized = [label for label in labels if label in sizes]
     size = np.array([sizes[label] for label in sized])
     missed = size * [errors[label] for label in sized]
@@ -183,7 +187,7 @@ def left_out_sentence(left_out: xr.Dataset) -> str:
 
 
 def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
-    """Return, for each left-out test, the parameters that no other test determines.
+    """Return, for each test, the parameters that no other test determines.
 
     `wider` contains the standard deviations without the test over those with it.
     """
@@ -195,7 +199,7 @@ def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:
-    """Return the finding on whether the runs agree on one joint, from the largest |change| / sd."""
+    """Return the finding on whether runs agree, from the largest |change| / sd of a parameter."""
     size = abs(left_out["z"])
     if size.isnull().all():
         return Finding("leave_one_out", "ok", {}, float("nan"), entry="leave_one_out.none")
@@ -246,7 +250,7 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
 
 
 def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
-    r"""Return each record's standard error from its own residual, relative to the common fit's.
+    r"""Return each record's standard error from its own residual / that of the common fit.
 
     $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: the residual of one law for all records is
     misfit. Little of it remains for each record alone, and a larger fraction f of that is
@@ -269,7 +273,7 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
 
 
 def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the laws' products and zeta at a fit, with standard deviations."""
+    """Return the products of the laws, and zeta, at a fit, with standard deviations."""
 
     def quantities(point: Mapping[str, Array]) -> dict[str, Array]:
         theta = {**as_arrays(fitted.theta, data), **point}
@@ -286,7 +290,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
 def _scatter(
     estimate: Float[np.ndarray, " record"], std: Float[np.ndarray, " record"]
 ) -> tuple[float, float]:
-    """Return the variation between records beyond their errors, with its p-value."""
+    """Return how much records vary beyond their errors, with the p-value of this variation."""
     degrees = len(estimate) - 1
 
     def beyond(variance: float) -> float:
@@ -294,7 +298,7 @@ def _scatter(
         mean = np.sum(weight * estimate) / np.sum(weight)
         return float(np.sum(weight * (estimate - mean) ** 2)) - degrees
 
-    # A standard deviation of twice the range makes any difference possible.
+    # With a standard deviation of twice the range, any difference is possible.
     most = 4 * float(np.ptp(estimate)) ** 2
     variance = 0.0
     if beyond(0.0) > 0:
@@ -303,7 +307,7 @@ def _scatter(
 
 
 def between_finding(between: xr.Dataset) -> Finding:
-    """Return the finding on whether records agree, with the largest relative variation."""
+    """Return the finding on whether records agree, from the largest relative variation."""
     count = between.sizes["record"]
     scatter, error = between["scatter"].values, between["std_of_all"].values
     wide = np.sqrt(error**2 + scatter**2 / count)

@@ -25,13 +25,12 @@ class LineFit:
     upper: float  # constant receptance of higher modes; 0 if not fitted [m per unit]
     lower: float  # coefficient of 1 / omega^2 of lower modes; 0 if not fitted
     # Sum of squared residuals (real and imaginary), divided by their variance. Neighbouring lines
-    # are
-    # correlated, so it varies more than chi-square with `dof` degrees of freedom.
+    # are correlated, so this sum varies more than a chi-square with `dof` degrees of freedom.
     chi_square: float
     dof: int  # number of real data minus parameters
     num_lines: int  # number of fitted lines
     band_hz: tuple[float, float]  # lowest and highest fitted line [Hz]
-    smeared: bool  # whether the model includes the smearing by the window
+    smeared: bool  # whether the model includes the smearing of the resonance by the window
 
     @property
     def theta(self) -> NDArray[np.float64]:
@@ -77,13 +76,13 @@ def line_fit_start(frf: FRF) -> NDArray[np.float64]:
 
 
 def floored(variance: NDArray[np.float64], h: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return variances with a lower limit, so that noise-free lines do not dominate."""
+    """Return variances that are not too small, so that noise-free lines do not dominate."""
     typical = np.mean(variance[np.isfinite(variance)]) if np.isfinite(variance).any() else 0.0
     return np.maximum(variance, max(1e-6 * typical, (1e-12 * np.abs(h).max()) ** 2))
 
 
 def in_band(frf: FRF, band: tuple[float, float] | None) -> FRF:
-    """Return the lines of an FRF in a band [Hz]; by default 20 % on each side of the peak."""
+    """Return an FRF's lines in a band [Hz]; the default is 20 % on each side of the peak."""
     if band is None:
         # Use the measured response, whose noise does not rise towards low frequencies.
         size = np.abs(frf.h) * frf.omega ** derivative_order(frf.response) * frf.coherence

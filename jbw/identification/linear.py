@@ -17,7 +17,8 @@ from jbw.measurement.spectra import FRF
 Residuals = Literal["none", "upper", "both"]
 
 NUM_RESIDUALS = {"none": 0, "upper": 1, "both": 2}
-SCATTER_P = 0.01  # If this probability is larger, errors explain the variation between repeats.
+# If the probability of their variation is larger than this, the errors of the fits explain it.
+SCATTER_P = 0.01
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,8 @@ class PooledFit:
     """The combined fit of several repeats; vectors are (omega_n, zeta, gain)."""
 
     mean: Real  # mean over the repeats
-    covariance: Real  # covariance of the mean, larger if the repeats vary more than their errors
+    # covariance of the mean, enlarged if the repeats vary more than their errors allow
+    covariance: Real
     cv: Real  # coefficient of variation across repeats [-]
     scatter_ratio: Real  # ratio of the variance between repeats to that expected from the fits
     scatter_p: Real  # p-value of the ratio
@@ -113,7 +115,7 @@ def line_fit(
 
 
 def pool(fits: Sequence[LineFit]) -> PooledFit:
-    r"""Combine line fits of several repeats: mean, its covariance, variation between repeats.
+    r"""Combine the line fits of several repeats: mean, its covariance, variation between repeats.
 
     $$\mathrm{Cov}(\bar\theta) = D\,\frac{1}{R^2}\sum_r C_r\,D$$
 

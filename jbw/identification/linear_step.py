@@ -25,7 +25,7 @@ NAMES = ("omega_n", "zeta", "gain")
 
 @dataclass(frozen=True)
 class LinearStep:
-    """The result of Step 2, the line fit in the linear regime."""
+    """The result of Step 2, the fit of spectral lines in the linear regime."""
 
     test: Test  # the noise or multisine test
     fits: tuple[LineFit, ...]  # line fits, one per repeat
@@ -48,13 +48,13 @@ class LinearStep:
 
 
 class TriedStep(NamedTuple):
-    """The result of Step 2 with its warnings, which are issued when it is used."""
+    """The result of a line fit (Step 2), with warnings that are issued when it is used."""
 
     step: LinearStep
     doubts: tuple[Warning | str, ...]
 
     def taken_up(self) -> LinearStep:
-        """Return the result of Step 2, after issuing its stored warnings."""
+        """Return the result of the line fit (Step 2), after issuing its stored warnings."""
         for doubt in self.doubts:
             warnings.warn(doubt, stacklevel=2)
         return self.step
@@ -63,7 +63,7 @@ class TriedStep(NamedTuple):
 def tried_step(
     test: Test, gain: float | None = None, modes: int | Sequence[float] = ()
 ) -> TriedStep:
-    """Perform Step 2 on a test, and store its warnings for later.
+    """Perform the line fit of a test (Step 2), and store its warnings for later.
 
     It raises the errors of `linear_step`.
     """
@@ -118,7 +118,7 @@ def linear_step(
 def _within(
     band_hz: tuple[float, float] | None, modes: int | Sequence[float]
 ) -> int | Sequence[float]:
-    """Return the modes in the band of a test; other modes belong to other tests."""
+    """Return the modes that lie in the band of a test."""
     if isinstance(modes, int) or band_hz is None:
         return modes
     return [freq for freq in modes if band_hz[0] <= freq <= band_hz[1]]
@@ -136,7 +136,7 @@ def _terms_of(test: Test, usual: Residuals) -> Residuals:
 
 
 def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
-    """Return fitted modes with the joint's mode first: the highest peak, or the first listed."""
+    """Return fitted modes with the joint's mode (highest peak, or first listed) in first place."""
     if not counted:
         return fit
     peak = np.abs(fit.residues[:, 0]) / (fit.zeta * fit.omega**2)
@@ -144,12 +144,12 @@ def _joint_first(fit: ModalFit, *, counted: bool) -> ModalFit:
 
 
 def units_of(step: LinearStep) -> dict[str, str]:
-    """Return the units of the quantities of Step 2 by name; the gain's depends on the source."""
+    """Return the units of a line fit's quantities (Step 2) by name; that of the gain varies."""
     return {name: BY_NAME[name].unit for name in NAMES} | {"gain": gain_unit(step.source_unit)}
 
 
 def linear_dataset(step: LinearStep) -> xr.Dataset:
-    """Return the result of Step 2 as labelled arrays: fits by repeat, and FRF in the band."""
+    """Return the line fit (Step 2) as labelled arrays: fits by repeat, and the FRF in the band."""
     pooled = step.pooled
     keep = lines_within(step.frf.freq, step.fits[0].band_hz)
     freq, h = step.frf.freq[keep], step.frf.h[keep]
@@ -177,7 +177,7 @@ def linear_dataset(step: LinearStep) -> xr.Dataset:
 
 
 def modes_dataset(step: LinearStep) -> xr.Dataset | None:
-    """Return Step 2's modes and stabilisation diagram as labelled arrays; None for one mode."""
+    """Return modes and stabilisation diagram of Step 2 as labelled arrays; None for one mode."""
     fit = step.modal
     if fit is None:
         return None

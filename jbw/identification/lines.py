@@ -29,7 +29,7 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
 LEAST_ZETA = 1e-6  # smallest damping ratio; without damping there is no steady response
-ONE_RECORD = 1.5  # With fewer averages, the noise of the lines is unknown.
+ONE_RECORD = 1.5  # If there are fewer averages than this, the noise of the lines is unknown.
 NOISE_ROUNDS = 4
 
 
@@ -40,7 +40,7 @@ class FRFLines:
     outputs: tuple[FRF, ...]  # FRFs in the band
     num_modes: int
     num_residuals: int  # number of residual terms of (U, L), for every output
-    smear: bool  # whether the model includes the smearing by the window
+    smear: bool  # whether the model includes the smearing of a resonance by the window
 
     @property
     def width(self) -> int:
@@ -65,7 +65,7 @@ class FRFLines:
 
 @dataclass(frozen=True)
 class FittedLines:
-    """The optimum of a weighted least-squares fit to lines of FRFs."""
+    """The optimum of a weighted least-squares fit to spectral lines of FRFs."""
 
     theta: Real
     jacobian: Complex  # derivative of the model with respect to theta
@@ -76,7 +76,7 @@ class FittedLines:
 
 
 def to_measured(part: FRF) -> Complex:
-    """Return the factor from receptance to the measured response, whose noise is white."""
+    """Return the factor from receptance to the measured response, in which the noise is white."""
     return np.power(1j * part.omega, derivative_order(part.response), dtype=complex)
 
 
@@ -90,7 +90,7 @@ def observed_variance(lines: FRFLines) -> Real:
 
 
 def fit_lines(lines: FRFLines, start: Real, typical: Real) -> FittedLines:
-    """Fit lines by least squares, with errors that windows correlate."""
+    """Fit spectral lines by least squares, with the correlated errors that windows cause."""
     data, observed = lines.data, observed_variance(lines)
     variance, of_sum = observed, None
     fitted = _least_squares(lines, data, variance, start, typical)
@@ -118,9 +118,9 @@ def _floored(variance: Real, data: Complex, num_outputs: int) -> Real:
 
 
 def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
-    """Return each output's residual power relative to its variance, to scale unknown noise."""
+    """Return each output's mean squared residual / variance, by which unknown noise is scaled."""
     num = len(lines.outputs)
-    # part of the values that are degrees of freedom
+    # fraction of the values that remain as degrees of freedom
     free = 1 - lines.num_parameters / (2 * len(residual))
     share = np.abs(np.split(residual, num)) ** 2 / np.split(variance, num)
     return np.repeat(share.mean(axis=-1) / free, residual.size // num)
@@ -133,13 +133,13 @@ def modes_by_output(lines: FRFLines, theta: Real) -> list[Modes]:
 
 
 def terms(part: FRF, count: int) -> Complex:
-    """Return the columns by which the residual terms U and L enter the measured response."""
+    """Return the responses to unit residual terms U and L, as columns, in the measured quantity."""
     inverse_square = (part.omega.mean() / part.omega) ** 2
     return np.array([to_measured(part), to_measured(part) * inverse_square])[:count]
 
 
 def mode_lines(part: FRF, mode: tuple[float, float, float], smear: bool) -> Complex:
-    """Return the spectral lines of the measured response that one mode causes."""
+    """Return the spectral lines of the measured response to which one mode contributes."""
     if smear:
         return smeared(part.omega, *mode, part.window_s, derivative_order(part.response))
     return receptance(part.omega, *mode) * to_measured(part)
@@ -166,7 +166,7 @@ def model_of(lines: FRFLines) -> Callable[[Real], Complex]:
 def _least_squares(
     lines: FRFLines, data: Complex, variance: Real, start: Real, typical: Real
 ) -> FittedLines:
-    """Fit the parameters by weighted least squares; their covariance is computed later."""
+    """Fit the parameters by weighted least squares; the covariance is left to the caller."""
     # real and imaginary parts have half of the variance each
     model, weight = model_of(lines), np.sqrt(2 / variance)
 
@@ -204,7 +204,7 @@ def _least_squares(
 def _covariance_of(
     jacobian: Complex, variance: Real, of_sum: Callable[[Complex], Real] | None
 ) -> Real:
-    """Return the weighted least-squares covariance, for correlated lines if `of_sum` is given."""
+    """Return the covariance of weighted least squares; `of_sum` is given for correlated lines."""
     scale = np.linalg.norm(jacobian, axis=0)
     weighted = (jacobian / scale).conj().T * (2 / variance)
     inverse = np.linalg.inv((weighted @ (jacobian / scale)).real) / np.outer(scale, scale)

@@ -47,26 +47,28 @@ from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 from jbw.report.messages import modes as messages
 
-# Largest relative change of a stable pole from one order to the next: frequency, damping.
+# Largest relative changes of a stable pole between successive orders: frequency, damping.
 SAME_OMEGA, SAME_ZETA = 0.01, 0.05
 MOST_STABLE_ZETA = 0.2  # largest damping ratio of a mode
 SPAN = 0.75 * 2 * np.pi  # angle of the unit circle onto which the band is mapped [rad]
-FIRST, LAST = 2, 8  # lowest and highest order, per expected mode
+FIRST, LAST = 2, 8  # lowest and highest order of the denominator, per expected mode
 MOST_ORDERS = 24  # largest number of orders that are tried
 EXPECTED = 4  # smallest number of expected modes, because noise hides modes at low orders
-BEYOND = 0.02  # distance outside the band, relative to its width, that a requested mode may have
+# How far outside the band a requested mode may lie, relative to the width of the band.
+BEYOND = 0.02
 # starting damping ratio of a requested mode that the stabilisation diagram does not show
 UNSAID_ZETA = 0.01
-# A pole is that of a requested mode if their frequencies differ by a smaller relative amount.
+# A pole belongs to a requested mode if their frequencies differ by a smaller relative amount.
 NEAR = 0.02
-LEAST_SHARE = 0.5  # smallest part of the orders in which a mode must be stable
+LEAST_SHARE = 0.5  # smallest fraction of the orders at which a mode must be stable
 SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num_repeats", "fs")
 LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # limits of damping ratios during the fit
-OUTSIDE = 0.25  # distance outside the band, relative to its width, that a fitted mode may have
+OUTSIDE = 0.25  # How far outside the band a fitted mode may lie, relative to the width of the band.
 MOST_TRIALS = 60  # largest number of iterations for the poles; a good fit takes ten
-MOST_MISFIT = 0.5  # If an output has a larger relative residual, the modes must be wrong.
+MOST_MISFIT = 0.5  # If an output's relative residual is larger than this, the modes must be wrong.
 BEYOND_NOISE = 10.0  # chi-square per degree of freedom that noise alone never reaches
-APART = 0.1  # Two modes closer than this part of the larger half width count as one mode.
+# Two modes are one mode if they are closer than this fraction of the larger half width.
+APART = 0.1
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Stabilisation:
     # whether the pole exists at the previous order, within 1 % (omega) and 5 % (zeta)
     is_stable: NDArray[np.bool_]
     groups: Real  # (omega, zeta) of groups of stable poles, most frequent ones first
-    share: Real  # part of the orders in which each pole is stable
+    share: Real  # fraction of the orders at which each pole is stable
 
     @property
     def modes(self) -> Real:
@@ -98,7 +100,7 @@ def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
         DataError: There are too few lines for the lowest order.
     """
     num_lines, expected = len(outputs[0].freq), max(expected, EXPECTED)
-    # There must be more lines than coefficients of one output's numerator and denominator.
+    # There must be more lines than coefficients in one output's numerator and denominator.
     highest, lowest = min(LAST * expected, (num_lines - 1) // 2), FIRST * expected
     if highest <= lowest:
         raise DataError(
@@ -128,7 +130,7 @@ def _poles(outputs: Sequence[FRF], order: int) -> Real:
         factor = np.power(1j * omega, derivative_order(part.response), dtype=complex)
         data = part.h * factor
         columns = powers * data[:, None]
-        # Eliminate the numerators: remove the part of a H that powers of z can explain.
+        # Eliminate the numerators: remove the part of each FRF that powers of z can explain.
         basis = np.linalg.qr(powers)[0]
         residual = columns - basis @ (basis.conj().T @ columns)
         normal += residual.conj().T @ residual / np.vdot(data, data).real
@@ -143,16 +145,16 @@ def _poles(outputs: Sequence[FRF], order: int) -> Real:
 
 
 def _has(poles: Real, pole: Real) -> bool:
-    """Return whether a pole coincides with another pole, within the tolerances of stability."""
+    """Return whether a pole agrees with one of `poles` within the tolerances of stability."""
     near = np.abs(poles - pole) <= np.array([SAME_OMEGA, SAME_ZETA]) * pole
     return bool(np.any(np.all(near, axis=1)))
 
 
 def _staying(poles: Real) -> tuple[Real, Real]:
-    """Return the medians of groups of stable poles, with the number of poles in each group."""
+    """Return the median of each group of stable poles, with the number of poles in the group."""
     remaining, groups = poles, []
     while len(remaining):
-        # The group surrounds the pole with the most close neighbours.
+        # The group consists of the neighbours of the pole with the most close neighbours.
         near = np.abs(remaining[:, None, 0] / remaining[:, 0] - 1) <= SAME_OMEGA
         group = near[:, np.argmax(near.sum(axis=0))]
         groups.append(remaining[group])
@@ -165,7 +167,7 @@ def _staying(poles: Real) -> tuple[Real, Real]:
 def starts_of(
     parts: Sequence[FRF], modes: int | Sequence[float], edges: tuple[float, float]
 ) -> tuple[Real, Stabilisation | None]:
-    """Return starting (omega, zeta) in the requested order, with the stabilisation diagram."""
+    """Return starting (omega, zeta) of the modes, and the stabilisation diagram."""
     if isinstance(modes, int):
         if isinstance(modes, bool) or modes < 1:
             raise ConfigError(f"Argument `modes` must count one mode at least, not {modes!r}.")
@@ -210,7 +212,7 @@ def starts_of(
 
 
 def _start_near(omega: float, stable_poles: Real) -> tuple[float, float]:
-    """Return a requested frequency with the damping of the nearest stable pole."""
+    """Return a requested frequency with the damping of the stable pole nearest to it."""
     near = stable_poles[np.abs(stable_poles[:, 0] / omega - 1) < NEAR]
     if not len(near):
         return omega, UNSAID_ZETA
@@ -223,17 +225,18 @@ class ModalFit:
 
     omega: Real  # natural frequencies [rad/s], shape (mode,)
     zeta: Real  # damping ratios
-    residues: Real  # force per modal mass times shape [N/kg per unit], shape (mode, output)
+    # residues: force per modal mass times mode shape [N/kg per unit], shape (mode, output)
+    residues: Real
     covariance: Real  # covariance of (omega, zeta, residues), each in the order of modes
     upper: Real  # constant receptance of higher modes, by output [m per unit]
     lower: Real  # coefficient of 1 / omega^2 of lower modes, by output
     misfit: Real  # relative residual of each output, in standard errors
-    chi_square: float  # sum of squared misfits, divided by their variance
+    chi_square: float  # sum of squared residuals, divided by their variance
     dof: int  # number of real data minus parameters
     num_lines: int  # number of fitted lines of each output
     band_hz: tuple[float, float]  # lowest and highest fitted line [Hz]
-    smeared: bool  # whether the model includes the smearing by the window
-    diagram: Stabilisation | None  # None if there are too few lines
+    smeared: bool  # whether the model includes the smearing of a resonance by the window
+    diagram: Stabilisation | None  # stabilisation diagram; None if there are too few lines
 
     @property
     def theta(self) -> Real:
@@ -315,7 +318,7 @@ def fit_modes(
 
 
 def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
-    """Return one mode at one output of a modal fit as a line fit of a single mode."""
+    """Return one mode at one output of a modal fit, in the form of a single-mode line fit."""
     num = len(fit.omega)
     read = [mode, num + mode, 2 * num + mode * fit.residues.shape[1] + output]
     omega_n, zeta, gain = map(float, fit.theta[read])
@@ -373,7 +376,7 @@ def _enough(lines: FRFLines) -> None:
 
 
 def _projected(lines: FRFLines, starts: Real) -> Real:
-    """Fit the poles alone: for any poles, the best residues follow by linear least squares."""
+    """Fit the poles; for any poles, linear least squares gives the best residues."""
     weights = np.split(np.sqrt(2 / observed_variance(lines)), len(lines.outputs))
     data = [part.h * to_measured(part) for part in lines.outputs]
     extra = [terms(part, lines.num_residuals) for part in lines.outputs]
@@ -420,7 +423,7 @@ def _stacked(rows: NDArray[np.complex128]) -> Real:
 
 
 def _typical(lines: FRFLines, start: Real) -> Real:
-    """Return typical values of all parameters of a modal fit, by which they are scaled."""
+    """Return typical sizes of all parameters of a modal fit, by which they are scaled."""
     modal = lines.num_modes * lines.width
     blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
     blocks[:, 2:] = np.maximum(blocks[:, 2:], 0.1 * blocks[:, 2:].max(axis=0))
@@ -442,7 +445,8 @@ def _as_fit(
     blocks = fitted.theta[place]
     added = np.zeros((num, 2))
     added[:, : lines.num_residuals] = fitted.theta[modal:].reshape(num, -1)
-    # Weight by the errors: for a swept record these are then the lines of the response itself.
+    # Errors serve as weights, so that for a swept record these are the lines of the response
+    # itself.
     residual, size = (
         np.linalg.norm(np.split(x / np.sqrt(fitted.variance), num), axis=-1)
         for x in (fitted.residual, lines.data)
@@ -457,7 +461,7 @@ def _as_fit(
 
 
 def _apart(lines: FRFLines, theta: Real) -> None:
-    """Raise a DataError if two fitted modes have exchanged places or coincide."""
+    """Raise a DataError if two fitted modes have changed places or coincide."""
     omega, zeta, _ = np.array(modes_by_output(lines, theta)[0]).T
     half_width = np.maximum((zeta * omega)[1:], (zeta * omega)[:-1])
     near = np.diff(omega) < APART * half_width
@@ -474,7 +478,7 @@ def _apart(lines: FRFLines, theta: Real) -> None:
 
 
 def _follows(fit: ModalFit) -> None:
-    """Raise a DataError if the residual of most lines of an output is far beyond noise."""
+    """Raise a DataError if an output's residual is far beyond noise at most of its lines."""
     if fit.misfit.max() > MOST_MISFIT and fit.chi_square > BEYOND_NOISE * fit.dof:
         modes_hz = " and ".join(f"{freq:.4g}" for freq in fit.omega / (2 * np.pi))
         raise DataError(

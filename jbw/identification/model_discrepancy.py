@@ -89,11 +89,11 @@ from jbw.observables.noise import fractions_counted, num_known, repeatability
 from jbw.observables.observable import OFFSETS
 from jbw.report.messages import discrepancy as messages
 
-# If chance has a smaller probability, frequency shifts and residuals are errors of the law.
+# If the probability by chance is smaller, frequency shifts and residuals are errors of the law.
 BY_CHANCE = 0.01
-NO_OFFSET = 1e-9  # factor that makes offsets between runs vanish
-# Smallest number of fits without single runs: with fewer, each fit has only one or two levels, and
-# its derivatives do not give the errors of its parameters.
+NO_OFFSET = 1e-9  # factor that suppresses offsets between runs
+# Smallest number of fits without a run. With fewer, each fit has only one or two levels, and its
+# derivatives do not give the errors of its parameters.
 FEWEST_FITS = 3
 # smallest number of degrees of freedom from which a variance between runs is estimated
 FEWEST_DEGREES = 3
@@ -101,19 +101,19 @@ UPPER = 0.995  # probability of the upper end of a 99 % band
 
 
 class NoiseSquares(NamedTuple):
-    """The sum of squares due to noise in a data group, and how many values determine it."""
+    """The sum of squares that noise causes in a data group, and its degrees of freedom."""
 
     square: float
     known_by: float
 
 
 class Rest(NamedTuple):
-    """The squared residual after shifts of frequency and damping, and its expected value."""
+    """The squared residual after shifts of frequency and damping, with its expected value."""
 
     square: float
     mean: float
     variance: float
-    noise: float = 0.0  # part of the mean that noise causes
+    noise: float = 0.0  # contribution of noise to the mean
 
     @property
     def is_by_chance(self) -> bool:
@@ -125,16 +125,17 @@ class Rest(NamedTuple):
 
 
 class LeftOutRun(NamedTuple):
-    """The discrepancy of one run, predicted by the fit without it."""
+    """The discrepancy of one run from its prediction by the fit without it."""
 
     shift: Float[np.ndarray, " own"]  # error of the law in omega_n [rad/s] and zeta
     std: Float[np.ndarray, " own"]  # standard errors of the shift; infinite if it is not determined
     rests: Mapping[str, Rest]  # squared residuals relative to the squared response, by kind of test
     is_decay: bool = False
     amplitude: float = np.nan  # amplitude relative to the largest fitted one; NaN if unknown
-    grown: float = 1.0  # factor by which standard deviations have grown at this amplitude
-    noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # part of `std` that noise causes
-    # $P C$ of the fit without the run, by which runs share noise; None if there is no such fit.
+    grown: float = 1.0  # factor by which standard deviations grow up to this amplitude
+    noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # contribution of noise to `std`
+    # $P C$ of the fit without the run, from which the noise that runs share is computed. None if
+    # there is no such fit.
     by_parameters: Float[np.ndarray, "own parameter"] | None = None
 
 
@@ -151,7 +152,7 @@ def scatter_by_amplitude(
     *,
     judged: bool = True,
 ) -> Scatter:
-    r"""Return the most likely scatter: constant, or growing with amplitude or its square.
+    r"""Return the most likely standard deviation of errors: constant, or growing with amplitude.
 
     $$\log p = -\tfrac12 \sum_r \Bigl[\log v_r + \frac{b_r^2}{v_r}\Bigr], \qquad
       v_r = \sigma_r^2 + \tau^2 g_r (y_r / y_{max})^{2p}, \quad p = 0, 1, 2$$
@@ -174,7 +175,7 @@ def correlation_of(
     covariance: Float[np.ndarray, "parameter parameter"],
     quantity: int,
 ) -> Float[np.ndarray, "run run"]:
-    r"""Return the correlation of shifts of different runs, $-P_r C_{-r} C^{-1} C_{-q} P_q^T$.
+    r"""Return the correlation of different runs' shifts, $-P_r C_{-r} C^{-1} C_{-q} P_q^T$.
 
     Decays, which are predicted from their own beginnings, share no noise with other runs here.
 
@@ -200,7 +201,7 @@ def missed_in_all(
     grown: Float[np.ndarray, " run"],
     num_fits: int,
 ) -> float:
-    r"""Return $\tau_0$, the law's whole error beyond noise on runs that were not fitted.
+    r"""Return $\tau_0$, the law's total error beyond noise on runs that were not fitted.
 
     $$\tau_0^2 = \Bigl(\frac{t_{m, 0.995}}{z_{0.995}}\Bigr)^2\,
       \mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
@@ -221,7 +222,7 @@ def scatter_about_zero(
     *,
     judged: bool = True,
 ) -> float:
-    r"""Return Paule and Mandel's standard deviation $\tau$ about zero; 0 if chance explains it.
+    r"""Return Paule and Mandel's standard deviation $\tau$ about zero; 0 if chance explains all.
 
     $$\sum_r \frac{b_r^2}{\sigma_r^2 + \tau^2 g_r} = n, \qquad \tau\, t_{m, 0.995} / z_{0.995}$$
 
@@ -295,7 +296,7 @@ def root_of(
 
 
 class Slopes(NamedTuple):
-    """Derivatives of predictions without run offsets, and the scatter of these offsets."""
+    """Derivatives of predictions without run offsets, and standard deviations of the offsets."""
 
     data: Dataset  # the dataset without run offsets
     jacobian: Float[np.ndarray, "value parameter"]  # derivatives of the predictions
@@ -317,7 +318,7 @@ def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
 
 
 def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) -> LeftOutRun:
-    """Return a run's errors of frequency, damping and response, at the fit without it."""
+    """Return the errors of frequency, damping and response of a run, at the fit without it."""
     data, names = known.data, list(fit.theta)
     rows = residual_at(stacked, fit.x, prior, data)
     labels = [label for label in _labels_of(run, data) if label in size_by_label(data)]
@@ -347,7 +348,7 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
-    """Return a free decay's errors of frequency and damping relative to its own start.
+    """Return a free decay's errors of frequency and damping, relative to its own beginning.
 
     The uncertainty of its damping includes that of the parameters, taken from `of_run`.
     """
@@ -368,7 +369,7 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
 
 
 class FitOfAll(NamedTuple):
-    """Quantities that are common to all left-out runs."""
+    """Quantities that all held-out runs have in common."""
 
     num_fits: int  # number of fits without some runs
     omega_n: float  # natural frequency of the fit of all runs [rad/s]
@@ -379,7 +380,7 @@ class FitOfAll(NamedTuple):
 
 
 def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -> xr.Dataset:
-    """Estimate the model discrepancy of each left-out run, and of all runs together.
+    """Estimate the model discrepancy of each held-out run, and of all runs together.
 
     `fits` are the result of `leaving_out.fits_without_each_run`.
     """
@@ -391,7 +392,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     residuals, slopes = residual_by_label(best.residual, data), slopes_of(best, prior, data)
     noise = _noise_alike(residuals, data) | repeated
     stay_in = _decays(data) - {run for group in fits for run in group}
-    # These decays were fitted.
+    # The remaining decays took part in the fit.
     fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}
     shown = {
         run: _placed(_shown_by(run, fit, slopes, prior, noise, natural), run, group, amplitudes)
@@ -419,7 +420,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
 def _shown_by(
     run: str, fit: Fit, slopes: Slopes, prior: Box, noise: NoiseOf, natural: float
 ) -> LeftOutRun:
-    """Return the discrepancy of a held-out run, for decays relative to their own beginning."""
+    """Return the discrepancy of a held-out run; for a decay, relative to its own beginning."""
     of_run = left_out_run(run, fit, slopes, prior, noise)
     decay = _drift(run, fit, slopes.data)
     return of_run if decay is None else by_drift(of_run, decay, natural)
@@ -428,7 +429,7 @@ def _shown_by(
 def _placed(
     of_run: LeftOutRun, run: str, group: Sequence[str], amplitudes: Mapping[str, float]
 ) -> LeftOutRun:
-    """Return the discrepancy of a run, with its amplitude relative to the fitted runs."""
+    """Return a run's discrepancy, with the run's amplitude relative to that of the fitted runs."""
     others, y_high = [y for name, y in amplitudes.items() if name not in group], _y_high(amplitudes)
     lowest, highest = min(others, default=0.0), max(others, default=0.0)
     return of_run._replace(
@@ -444,7 +445,7 @@ def _y_high(amplitudes: Mapping[str, float]) -> float:
 def _as_arrays_of_runs(
     shown: Mapping[str, LeftOutRun], learned: "Learned", amplitudes: Mapping[str, float]
 ) -> xr.Dataset:
-    """Return the discrepancy of each run as arrays, and the common one as attributes."""
+    """Return the discrepancy of each run as arrays, and that of all runs as attributes."""
     nothing = Missed(NO_SCATTER, NO_SCATTER)
     missed = learned if not learned.is_nothing else Learned(nothing, nothing, {})
     runs, shares, y_high = shown.values(), missed.shares, _y_high(amplitudes)
@@ -488,7 +489,7 @@ def _as_arrays_of_runs(
 
 
 class Learned(NamedTuple):
-    """The combined discrepancy of all left-out runs."""
+    """The discrepancy of all held-out runs together."""
 
     forced: Missed | None  # errors of frequency and damping in driven tests; None without such runs
     decays: Missed | None
@@ -496,7 +497,7 @@ class Learned(NamedTuple):
 
     @property
     def is_nothing(self) -> bool:
-        """Whether the law has no error beyond noise."""
+        """Whether the law has no error that exceeds the noise."""
         scatters = (*(self.forced or ()), *(self.decays or ()), *self.shares.values())
         return not any(scatter.std for scatter in scatters)
 
@@ -508,7 +509,7 @@ def _learned(
     *,
     judged: bool,
 ) -> Learned:
-    """Combine the discrepancies of runs with the residuals of repeated tests.
+    """Combine the discrepancies of held-out runs with the residuals of repeated tests.
 
     If `judged`, discrepancies that chance explains are zero.
     """
@@ -526,7 +527,7 @@ def _learned(
 
 
 def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
-    """Return the standard deviations of errors in frequency (relative) and damping, or None.
+    """Return the sd of errors in frequency (relative) and damping over all runs, or None.
 
     The scatter of the natural frequency [rad/s] is divided by that frequency.
     """
@@ -545,8 +546,8 @@ def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> M
         scatter = scatter_by_amplitude(
             b, error, amplitude, grown, num_fits, correlation, judged=judged or by_runs
         )
-        # Bands include the scatter of runs already, so a discrepancy that chance explains is not
-        # added.
+        # Bands already include the variation between runs, so a discrepancy that chance explains is
+        # not added to it.
         missed = 0.0 if by_runs else missed_in_all(b, of_noise, grown, num_fits)
         scatters.append(scatter._replace(whole=max(scatter.std, missed)))
     omega_n, zeta = scatters
@@ -555,7 +556,7 @@ def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> M
 
 
 def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
-    """Return the largest displacement [m] of each run for which it is known.
+    """Return each run's largest displacement [m], if it is known.
 
     The displacement of an observable is that of its largest run; other runs follow by the size of
     their response. If there are only free decays, it is the beginning of their envelopes. `omega_n`
@@ -574,12 +575,12 @@ def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
 
 
 def _decays(data: Dataset) -> set[str]:
-    """Return the run names of the free decays in a dataset."""
+    """Return the names of the free decays' runs in a dataset."""
     return {run for part in data.parts if part.own_shifts for run in part.groups.runs}
 
 
 def _drift(run: str, fit: Fit, data: Dataset) -> LeftOutDecay | None:
-    """Return the drift of a run if it is a free decay of one mode; otherwise None."""
+    """Return how a free decay of one mode drifts from its prediction; None for other runs."""
     part: Any = next(part for part in data.parts if run in part.groups.runs)
     if not part.own_shifts or part.several:
         return None
@@ -593,7 +594,7 @@ def _labels_of(run: str, data: Dataset) -> list[str]:
 def _end_to_end(
     rows: Float[np.ndarray, "all ..."], labels: Sequence[str], data: Dataset
 ) -> Float[np.ndarray, "some ..."]:
-    """Return the values of given data groups as one long array."""
+    """Join the values of given data groups to one array."""
     labelled = by_label(rows, data)
     return np.concatenate([labelled[label] for label in labels])
 
@@ -604,7 +605,7 @@ def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
 
 
 def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
-    """Return the noise in the mean of each repeated data group, as a sum of squares."""
+    """Return, as a sum of squares, the noise in the mean of each data group with repeats."""
     sizes = size_by_label(data)
     known_by = num_known(data)
     scatter = repeatability(data, of_mean=True)
@@ -634,7 +635,7 @@ def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, Noise
 
 
 def _hides_in_noise(residuals: Mapping[str, Row], repeated: NoiseOf) -> bool:
-    """Return whether residuals of tests without repeats are correlated: noise hides model error."""
+    """Return whether tests without repeats have correlated residuals, which may be model error."""
     return any(is_coloured(row) for label, row in residuals.items() if label not in repeated)
 
 
@@ -644,7 +645,7 @@ def _rests(
     data: Dataset,
     uncertain: Mapping[str, Inexact[np.ndarray, "_value parameter"]] | None = None,
 ) -> dict[str, Rest]:
-    """Return the squared residuals of data groups relative to the response, by kind of test."""
+    """Return, by kind of test, squared residuals divided by the squared response."""
     kinds, sizes, fractions = _kinds(data), size_by_label(data), fractions_counted(data)
     squares: dict[str, list[tuple[Rest, float]]] = {}
     for label, row in residuals.items():
@@ -675,7 +676,7 @@ def _rest(
 
 
 def _over(rest: Rest, size: float) -> Rest:
-    """Return squared residuals divided by the mean square of a response."""
+    """Divide squared residuals by the mean square of a response."""
     square, mean, variance, noise = rest
     return Rest(square / size, mean / size, variance / size**2, noise / size)
 
@@ -685,7 +686,7 @@ def _sum_of(rests: Sequence[Rest]) -> Rest:
 
 
 def _pooled(shown: Sequence[LeftOutRun], *, judged: bool) -> dict[str, Scatter]:
-    """Return the remaining relative error of the law for each kind of test, from all runs."""
+    """Return the law's remaining relative error for each kind of test, over all runs."""
     runs: dict[str, list[LeftOutRun]] = {}
     for run in shown:
         for kind in run.rests:
@@ -703,7 +704,7 @@ def _share_of_runs(runs: Sequence[LeftOutRun], kind: str, *, judged: bool) -> Sc
 
 
 def _share_of(rests: Sequence[Rest], grown: Sequence[float], *, judged: bool) -> float:
-    r"""Return $\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$, the misfit beyond noise.
+    r"""Return $\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$, the error beyond noise.
 
     If `judged`, it is 0 if chance explains as much.
     """

@@ -31,18 +31,20 @@ from jbw.oscillator.law import feels_rate
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import RESIDUAL_TERMS, STUCK
 
-# A joint is detected without a fit if its effect is so many standard deviations away from zero.
+# A joint is detected without a further fit if its effect is this many standard deviations away from
+# zero.
 FAR = 5.0
 NUM_DRAWS = 256
-BY_CHANCE = 0.01  # probability of such an improvement by chance, for a structure without a joint
-# Ratio of relative frequency change to added damping, below which drag is fitted too. It is 1 for
-# gamma = delta, and 3 pi / 4 for Masing's loops of a quadratic backbone.
+# probability that chance alone improves a fit so much, for a structure without a joint
+BY_CHANCE = 0.01
+# If the ratio of relative frequency change to added damping is smaller, drag is fitted too. The
+# ratio is 1 for gamma = delta, and 3 pi / 4 for Masing's loops of a quadratic backbone.
 SOFTENS = 0.5
 ROOM = 8.0  # upper bound of the drag coefficient, relative to its starting value
 
 
 class Nested(NamedTuple):
-    """A fit with a simpler model: growth of chi-square, and number of omitted parameters."""
+    """A fit with a simpler model: increase of chi-square, and number of omitted parameters."""
 
     growth: float
     num_parameters: int
@@ -51,14 +53,14 @@ class Nested(NamedTuple):
 
 
 def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
-    """Fit an oscillator without a joint to the same data with the same weights."""
+    """Fit an oscillator without a joint to the same data, with the same weights."""
     return _nested(best, prior, data, (), {})
 
 
 def likely(
     key: Key[Array, ""], best: Fit, prior: Box, data: Dataset
 ) -> dict[str, Float[np.ndarray, " draw"]]:
-    r"""Return parameter values near a fit that the data do not exclude (99 %), by name.
+    r"""Return, by name, parameter values near a fit that the data do not exclude (99 %).
 
     Points are drawn from the covariance of the fit, within the prior. A point is kept if its log
     likelihood is lower by no more than half of the quantile of $\chi^2_k$. The first point is the
@@ -92,12 +94,12 @@ def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
 
 
 def may_be_absent(added: Effects) -> bool:
-    """Return whether the joint's change of frequency differs from zero by less than 5 sd."""
+    """Return whether the joint's frequency change is within five standard deviations of zero."""
     return bool(abs(np.median(added.frequency)) < FAR * np.std(added.frequency))
 
 
 def may_be_drag(added: Effects, zeta: float, laws: Sequence[str]) -> bool:
-    """Return whether the joint adds damping but changes the frequency less than slip would."""
+    """Return whether the joint adds damping but softens the structure less than slip would."""
     if not laws or any(map(feels_rate, laws_named(laws))):
         return False
     shift = np.quantile(np.abs(added.frequency), QUANTILES[-1])
@@ -106,7 +108,7 @@ def may_be_drag(added: Effects, zeta: float, laws: Sequence[str]) -> bool:
 
 
 def with_drag(best: Fit, prior: Box, data: Dataset, damping: float, y_peak: float) -> Nested:
-    """Fit an oscillator with drag instead of the laws, to the same data and weights.
+    """Fit an oscillator with drag in place of the laws, to the same data with the same weights.
 
     The fit starts where drag adds the damping ratio that the laws add at y_peak [m].
     """

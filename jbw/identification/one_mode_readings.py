@@ -37,13 +37,14 @@ from jbw.report.messages import joint as messages
 
 LAW = BoucWenLaw.name
 HALF = 0.5  # starting value of a law's stiffness, relative to that of the fully stuck joint
-WEAK = 0.3  # slip above which modes do not determine sums over joints, so that nothing is tested
+# Above this slip, single modes do not determine sums over the joints, and nothing is tested.
+WEAK = 0.3
 
 under_way = logging.getLogger("jbw.progress")
 
 
 class Readings(NamedTuple):
-    """Starting values of several joints' laws, and sentences on whether they explain the modes."""
+    """Starting values of all joints' laws, and sentences on whether joints explain the modes."""
 
     known: dict[str, float]
     statements: tuple[str, ...]
@@ -53,7 +54,7 @@ NOTHING = Readings({}, ())
 
 
 def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
-    """Return starting values of all joints, from the weakest sweep through each single mode.
+    """Return starting values of all joints, from the weakest sweep that drives each mode alone.
 
     Empty for a single joint, for laws other than Bouc-Wen's, or if sweeps pass through fewer single
     modes than there are laws.
@@ -71,7 +72,7 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 read[i] = _reading(jax.random.fold_in(key, i), i, test, seen, modes)
-        except JbwError:  # Modes that cannot be fitted alone are left out.
+        except JbwError:  # Omit modes that cannot be fitted alone.
             continue
     if len(read) < len(seen.laws):
         return NOTHING
@@ -90,7 +91,7 @@ def with_readings(ready: Fitted, readings: Readings) -> Fitted:
 
 
 def _weakest(modes: Modes, tests: Sequence[Test]) -> dict[int, Test]:
-    """Return, by mode, the weakest sweep at the first point that passes only this mode."""
+    """Return, for each mode, the weakest sweep at the first point that drives only this mode."""
     shares, weakest = np.abs(gain_shares(modes)), {}
     for test in sorted(tests, key=lambda test: float(np.mean(_source(test) ** 2))):
         passed = [i for i, window in enumerate(modes.windows_hz) if passes(test, window)]
@@ -129,13 +130,13 @@ def _reading(
 
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the softening alpha delta and the loss alpha gamma at small motion of a mode."""
+    """Return the products of small motion: softening alpha delta, loss alpha gamma."""
     s, o = BoucWenLaw.of(theta).weak_motion()
     return {"s": jnp.asarray(s), "o": jnp.asarray(o)}
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
-    """Return starting values of all joints' laws, each with half the stuck joint's stiffness."""
+    """Return starting values of all joints' laws, each with half of its fully stuck stiffness."""
     numbers, first = dict(modes.numbers), {}
     for k, name in enumerate(laws):
         joints = split(name)[1]

@@ -22,7 +22,7 @@ PAPER_LAW = "bouc_wen"  # the law of Steps 3 and 4
 
 @dataclass(frozen=True)
 class PaperRoute:
-    """Steps 3 and 4 of Teloli et al., if the tests of a campaign allow them."""
+    """The results of Steps 3 and 4 of Teloli et al., if a campaign's tests allow them."""
 
     kernel: step3.KernelFit | None = None  # fit of the kernel; None without probing tones
     steps: Mapping[str, Step] = field(default_factory=dict)  # posteriors, by name
@@ -30,7 +30,7 @@ class PaperRoute:
 
     @property
     def means(self) -> dict[str, float]:
-        """The posterior means of Steps 3 and 4, which start the joint posterior."""
+        """The posterior means of Steps 3 and 4, at which the joint posterior starts."""
         names = [name for name in ("third_order_nuts", "opening_nuts") if name in self.steps]
         return {k: v for name in names for k, v in means_of(self.steps[name].posterior).items()}
 
@@ -38,7 +38,7 @@ class PaperRoute:
 def paper_route(
     seen: Measured, keys: Iterator[Key[Array, ""]], report: Report, keep: Keep
 ) -> PaperRoute:
-    """Perform Steps 3 and 4 if noise test, tones at a third of the resonance, and law allow it.
+    """Perform Steps 3 and 4 of Teloli et al. if the tests and the law of a campaign allow them.
 
     A step that the tests do not allow is omitted with a message, or raises an error if settings are
     strict.
@@ -61,7 +61,7 @@ def paper_route(
 
 
 def paper_words(seen: Measured) -> tuple[str, ...]:
-    """Return the sentences on Steps 3 and 4 of Teloli et al., if these do not suit the laws."""
+    """Return sentences on why Steps 3 and 4 of Teloli et al. do not suit the laws, if so."""
     if seen.linear is None or not seen.probing:
         return ()
     others = " and ".join(name for name in seen.laws if name != PAPER_LAW)
@@ -82,7 +82,8 @@ def _steps(
     steps = step3.third_order_steps(next(keys), kernel_fit, settings, **how)
     drive = drive_of(linear.test)
     if swept := by_form([test for test in seen.swept if drive_of(test) == drive]):
-        # Use the record form with the most levels only: the curve of gamma needs a single solve.
+        # Use only the group of equally sampled sweeps with the most levels: gamma's curve then
+        # needs one solution.
         report(stages.STEP_4)
         records = Records.of(max(swept, key=len), substeps=settings.substeps)
         held = steps["third_order_nuts"]

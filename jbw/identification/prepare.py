@@ -45,12 +45,13 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 MOST_SUBSTEPS = 64
-# factor on steps from a fit; so close to the fit, even a curved posterior is nearly Gaussian
+# Factor on steps from a fit. So close to the fit, even a curved posterior is nearly Gaussian.
 NEAR = 1e-3
-# If the solver's error is below this part of the allowed one, the steps are short enough.
+# The solver steps are short enough if the solver's error is below this fraction of the allowed
+# error.
 AMPLE = 0.5
 MOST_ROUNDS = 8  # largest number of rounds of fit and weighting
-SETTLED = 0.1  # Weights are final if the fit changes by fewer standard deviations.
+SETTLED = 0.1  # Weights are final if the fit moves by fewer standard deviations than this.
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Fitted:
 
     fit: Fit  # least-squares fit within the prior bounds
     box: Box  # the prior, in the sampled coordinates
-    data: Dataset  # the data with noise, effective numbers of values and run effects
+    data: Dataset  # the data with noise, effective numbers of values, and differences between runs
     statements: tuple[str, ...] = ()  # sentences on the fit
     # Chi-square and degrees of freedom of the first fit, over data groups whose noise repeats
     # determine.
@@ -86,13 +87,14 @@ def prepare(
     settings: Identify,
     known: Mapping[str, float] | None = None,
     *,
+    start: Mapping[str, float] | None = None,
     quick: bool = False,
 ) -> Fitted:
-    """Fit a dataset from starting and `known` values, and determine weights and coordinates.
+    """Fit a dataset from `known` and starting values, and determine weights and coordinates.
 
     If `quick`, the solver's steps are not refined.
     """
-    ready = weighed(keys, data, settings, known, quick=quick)
+    ready = weighed(keys, data, settings, known, start=start, quick=quick)
     return completed(keys[1], ready, settings, quick=quick)
 
 
@@ -102,10 +104,11 @@ def weighed(
     settings: Identify,
     known: Mapping[str, float] | None = None,
     *,
+    start: Mapping[str, float] | None = None,
     quick: bool = False,
 ) -> Fitted:
-    """Fit a dataset and determine its weights, before coordinates and solver steps."""
-    prior, first, data = first_fit(keys[0], data, settings, known)
+    """Fit a dataset and determine its weights; leave coordinates and solver steps as they are."""
+    prior, first, data = first_fit(keys[0], data, settings, known, start=start)
     ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
     best = replace(ready.fit, waterfall=first.waterfall)  # Later fits have only one start.
     return replace(ready, fit=best, chi_square=explained(first, data))
@@ -118,7 +121,7 @@ def reweight(
     first: Fit,
     settings: Identify,
 ) -> Fitted:
-    """Update noise, independent values, run effects, coordinates and solver steps by new fits."""
+    """Update noise, effective values, run offsets, coordinates and solver steps by new fits."""
     return completed(key, with_effects(key, data, prior, first, settings), settings)
 
 
@@ -131,7 +134,7 @@ def with_effects(
     *,
     quick: bool = False,
 ) -> Fitted:
-    """Update noise, independent values, run effects and residual terms by repeated fits."""
+    """Update noise, effective values, run offsets and residual terms by repeated fits."""
     words: list[str] = []
     findings: tuple[Finding, ...] = ()
     between = ROUGH if quick else TOLERANCE  # tolerance of the fits between the rounds
@@ -143,7 +146,7 @@ def with_effects(
         under_way.info("offsets of the runs")
         data = with_offsets(best, shifts, data, settings.run_scatter)
         best = refit(best, prior, data, tolerance=between)
-        # Linearise records at these offsets, which are now known.
+        # Linearise the records about these offsets, which are now known.
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
         best = refit(best, prior, data, tolerance=between)
         best, data = settled(best, prior, data, settings, tolerance=between)
@@ -167,7 +170,7 @@ def completed(
         best = refit(best, prior, data, theta=coordinates.from_parameters(best.theta))
         words.append(coordinates_sentence(law, coordinates))
     if settings.substeps is None and not quick:
-        # Check again with finer steps: the optimum may have moved.
+        # Check once more with finer steps, because the optimum may have moved.
         for _ in range(2):
             under_way.info("steps of the solver")
             finer = refined(key, data, prior, best)
@@ -182,7 +185,7 @@ def completed(
 def settled(
     best: Fit, prior: Box, data: Dataset, settings: Identify, *, tolerance: float = TOLERANCE
 ) -> tuple[Fit, Dataset]:
-    """Repeat fit and weighting until the fit no longer moves; return fit and dataset."""
+    """Repeat the fit and its weighting until the fit no longer moves; return fit and dataset."""
     for count in range(1, MOST_ROUNDS + 1):
         under_way.info(messages.REWEIGHTING, count, MOST_ROUNDS)
         before = np.asarray(best.x)
@@ -196,7 +199,7 @@ def settled(
 
 
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
-    """Return the dataset with noise, misfit and independent values from a fit's residual."""
+    """Return the dataset with noise, model error and effective values from a fit's residual."""
     residuals = dataset.residual_by_label(best.residual, data)
     if settings.model_error == "none":
         return noise.with_fitted_noise(best.theta, residuals, data)
@@ -216,13 +219,13 @@ def refit(
     theta: Mapping[str, float] | None = None,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """Fit again from the last optimum; new parameters start at zero."""
+    """Fit again, starting from the last optimum; start new parameters at zero."""
     start = inside(dict.fromkeys(prior.names, 0.0) | dict(theta or best.theta), prior)
     return costly_fit(dataset.stacked, prior, data, starts=start, tolerance=tolerance)
 
 
 def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Dataset:
-    """Return the dataset with so many solver steps that more would not change the fit.
+    """Return the dataset with solver steps so short that shorter ones would not change the fit.
 
     It also gets as much memory for nested loops as the motion of the fit needs.
     """
@@ -241,7 +244,7 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
 def _about(
     key: Key[Array, ""], data: Dataset, prior: Box, best: Fit
 ) -> tuple[dict[str, np.ndarray], float]:
-    r"""Return draws from a fit's covariance, and the factor that moves them closer to the fit.
+    r"""Return draws from a fit's covariance, and the factor on their distance from the fit.
 
     If the posterior is curved, such draws lie outside it: the median of their log likelihood lies
     farther below that of the fit than one per parameter (a Gaussian has one half). Then they are

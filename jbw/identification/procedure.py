@@ -51,7 +51,7 @@ class Posteriors:
 class Identification:
     """The complete result of the procedure for a campaign."""
 
-    linear: LinearStep | None = None  # result of Step 2; None without a noise test
+    linear: LinearStep | None = None  # line fit of a noise test (Step 2); None without such a test
     kernel: step3.KernelFit | None = None  # fit of the kernel; None without probing tones
     sweeps: Sweeps | None = None
     data: Dataset | None = None  # dataset of the joint posterior, as sampled
@@ -61,7 +61,7 @@ class Identification:
 
     @property
     def main(self) -> Step:
-        """The posterior that the verdict is about: the joint one if it exists."""
+        """The posterior that the verdict judges: the joint posterior if it exists."""
         return self.steps.get("joint") or self.steps["third_order_nuts"]
 
     @property
@@ -71,7 +71,7 @@ class Identification:
 
     @property
     def decay(self) -> Step | None:
-        """The posterior of free decays; the joint one if there is no separate one."""
+        """The posterior of free decays; the joint posterior if no separate one was drawn."""
         if self.decays is None:
             return None
         return self.steps.get("decay") or self.main
@@ -80,7 +80,7 @@ class Identification:
 def identified(
     seen: Measured, posteriors: Posteriors, judged: Verdict, statements: Sequence[str]
 ) -> Identification:
-    """Combine a campaign's posteriors with the joint posterior's verdict and statements."""
+    """Combine all posteriors of a campaign with the joint posterior's verdict and statements."""
     free, paper, joint = posteriors.free, posteriors.paper, posteriors.joint
     main = step_of(joint, posteriors.checks, judged, statements)
     beside = {} if free.step is None else {free.step.name: free.step}
@@ -100,7 +100,8 @@ class Posterior:
     """A posterior of the procedure, ready for sampling."""
 
     name: str  # "joint", "third_order" or "opening"
-    log_likelihood: LogLikelihood  # function of (theta, data) that returns terms [nats]
+    # log likelihood: function of (theta, data) that returns its terms [nats]
+    log_likelihood: LogLikelihood
     box: Box  # prior bounds
     data: PyTree  # argument of the likelihood
     fit: Fit  # least-squares fit within the bounds
@@ -114,7 +115,7 @@ class Known:
 
     # prior bounds of the joint posterior
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    # means of zeta, alpha and delta of Step 3
+    # means of zeta, alpha and delta from the kernel fit (Step 3)
     means: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -126,7 +127,7 @@ def posterior_of(
     known: Known | None = None,
     report: Report = logger.info,
 ) -> Posterior:
-    """Perform the procedure up to the fit of one step; return its posterior before sampling.
+    """Perform the procedure up to the fit of one step; return its posterior, not yet sampled.
 
     `step` is "joint", "third_order" or "opening". `known` contains the prior and the means of Step
     3 of a finished run.

@@ -14,7 +14,7 @@ from jbw.report.messages import effects as messages
 def threshold_sentences(
     theta: Mapping[str, Any], y_peak: float, laws: tuple[str, ...]
 ) -> list[str]:
-    """Return sentences on whether the largest motion [m] reached thresholds of the laws.
+    """Return sentences on whether the largest motion [m] exceeds thresholds of the laws.
 
     `theta` contains draws by name. A threshold that is not reached depends on the priors and is no
     result of the data.

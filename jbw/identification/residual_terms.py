@@ -35,19 +35,20 @@ from jbw.observables.residual_terms import (
 from jbw.quantities import BY_NAME
 from jbw.report.messages import residuals as messages
 
-# smallest increase of chi-square without a term, absolute and relative, for which the term is kept
+# A term is kept if its omission increases chi-square by at least this much: absolute and relative
+# increase.
 GROWTH, SHARE = 25.0, 0.1
 TRIED = ((UPPER,), (UPPER, LOWER))
 # factors on the stated frequency of a neighbouring mode with which fits are tried
 ABOUT = np.linspace(0.97, 1.03, 7)
-USUAL_ZETA = 0.01  # starting damping ratio of a neighbouring mode without a spectrum
+USUAL_ZETA = 0.01  # starting damping ratio of a neighbouring mode if no spectrum shows it
 
 Refit = Callable[..., Fit]
 Bounds = dict[str, tuple[float, float]]
 
 
 class Taken(NamedTuple):
-    """The prior with accepted residual terms, the fit with them, and sentences."""
+    """The prior with accepted residual terms, the fit with these terms, and sentences on them."""
 
     box: Box
     fit: Fit
@@ -63,7 +64,7 @@ def stated_terms(data: Dataset) -> tuple[str, ...]:
 def term_bounds(
     names: tuple[str, ...], omega_n: float, given: Mapping[str, tuple[float, float]]
 ) -> Bounds:
-    """Return the bounds of constant residual terms: stated ones, or wide ones by default."""
+    """Return the bounds of constant residual terms: the stated ones, or wide defaults."""
     wide = bounds(omega_n)
     return {name: given.get(name, wide[name]) for name in names}
 
@@ -81,7 +82,7 @@ def with_terms(prior: Box, terms: Bounds) -> Box:
 def shown_terms(
     best: Fit, prior: Box, data: Dataset, settings: Identify, refit: Refit
 ) -> Taken | None:
-    """Add the residual terms that a fit needs, and fit again; return None if none is needed."""
+    """Add the residual terms that a fit needs, and fit again; None if it needs none."""
     # With several measured points, a term could not be assigned to one of them.
     several = data.modes is not None and data.modes.points
     if several or "omega_n" not in data.held | best.theta:
@@ -113,7 +114,7 @@ def _with_constants(accepted: Taken, data: Dataset, refit: Refit) -> Taken:
 def _with_neighbour(
     accepted: Taken, data: Dataset, settings: Identify, refit: Refit, omega: float | None = None
 ) -> Taken:
-    """Add a neighbouring mode if it is stated, or would explain most of the residual."""
+    """Add a neighbouring mode if it is stated, or if it explains most of the residual."""
     neighbours = neighbours_of(accepted.fit.theta)
     takers = tuple(name for name, terms in TAKEN.items() if set(OF_MODES) & set(terms))
     if len(neighbours) == len(MODES) or not _misses(accepted.fit, data, takers):
@@ -137,7 +138,7 @@ def _with_neighbour(
 
 
 def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float, float] | None:
-    """Return the starting frequency, damping and gain share of a neighbouring mode, or None."""
+    """Return starting frequency, damping and relative gain of a neighbouring mode, or None."""
     cause = other_mode(best, data, () if omega is None else omega * ABOUT)
     if cause is None or cause.mode is None:
         return None if omega is None else (omega, USUAL_ZETA, 0.0)
@@ -155,7 +156,7 @@ def _falls(before: Fit, after: Fit, growth: float = GROWTH) -> bool:
 
 
 def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
-    """Return whether data that may have residual terms have correlated residuals."""
+    """Return whether residuals are correlated in those data that may have residual terms."""
     residuals = residual_by_label(best.residual, data)
     labels = (
         label for part in data.parts if part.residuals in takers for label in part.groups.labels

@@ -51,11 +51,11 @@ from jbw.observables.observable import OFFSETS, Observable, assemblies_of
 from jbw.quantities import BY_NAME
 from jbw.report.messages import sessions as messages
 
-MOST_ALIKE = 1e12  # largest condition number of the correlations of a run's offsets
+MOST_ALIKE = 1e12  # largest condition number of the correlations of one run's offsets
 BY_CHANCE = 1e-3  # probability below which differences between runs count as real
-# Limits of the relative standard deviations of omega_n and of zeta.
+# Limits of the relative standard deviations of omega_n and of zeta: smallest, largest.
 LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)
-SAME_LEVEL = 1.1  # Runs whose responses have a smaller ratio are repeats of one level.
+SAME_LEVEL = 1.1  # Runs whose responses have a smaller ratio than this are repeats of one level.
 NO_SCATTER = 1e-12  # standard deviation for a quantity that is equal in all runs
 NUM_DRAWS = 200
 PLURAL = {"run": "runs", "assembly": "assemblies"}
@@ -73,7 +73,7 @@ class Shifts:
     # omega_n [rad/s] and zeta [-] of a run minus those of the fit
     offset: Float[np.ndarray, "run own"]
     std: Float[np.ndarray, "run own"]  # standard errors of these differences
-    p: float  # probability of such differences by chance
+    p: float  # probability that chance causes such differences
 
 
 def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None:
@@ -84,8 +84,8 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
 
     None if fewer than two runs determine their offsets.
     """
-    # Each row depends on one drive only, so the sum over drives is the derivative with respect to
-    # the run's offset.
+    # Each row depends on one drive only, so that the sum over the drives is the derivative with
+    # respect to the run's offset.
     columns = [[i for i, n in enumerate(names) if plain(n) == name] for name in OFFSETS]
     if not all(columns):
         return None
@@ -126,12 +126,12 @@ def tells_apart(precision: Float[np.ndarray, "own own"]) -> bool:
 
 
 def wanted(shifts: Shifts, settings: Identify) -> bool:
-    """Return whether runs get offsets, because the campaign states it or the data show it."""
+    """Return whether runs get offsets, because the campaign requires it or the data show them."""
     return settings.offsets == "runs" or (settings.offsets != "none" and shifts.p < BY_CHANCE)
 
 
 def are_levels(data: Dataset) -> bool:
-    """Return whether every run is one level of a single assembly, as no run is stated."""
+    """Return whether all runs are levels of one assembly, because the campaign states no runs."""
     pairs = (
         (x, run)
         for part in data.parts
@@ -141,7 +141,7 @@ def are_levels(data: Dataset) -> bool:
 
 
 def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | None:
-    r"""Return the sd of zeta between repeats of a level: 0 if chance explains it, None without any.
+    r"""Return the standard deviation of zeta between repeats of a level; 0 if chance explains it.
 
     $$Q = \sum_l \sum_{r \in l} \frac{(b_r - \bar b_l)^2}{\sigma_r^2}, \qquad
       \tau^2 = \frac{Q - \mathrm{dof}}{\sum_l (W_l - \sum_{r \in l} w_r^2 / W_l)}$$
@@ -167,7 +167,7 @@ def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | No
 def moments_of(
     offset: Float[np.ndarray, " run"], std: Float[np.ndarray, " run"]
 ) -> tuple[float, float]:
-    r"""Return the runs' chi-square, and its derivative with respect to the variance between runs.
+    r"""Return the chi-square of the runs' offsets, and its derivative by their variance.
 
     $$Q = \sum_r w_r (b_r - \bar b)^2, \qquad W - \sum_r w_r^2 / W, \quad w_r = 1 / \sigma_r^2$$
     """
@@ -177,7 +177,7 @@ def moments_of(
 
 
 def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int]]:
-    """Return the indices of runs by level; runs of similar response have one level."""
+    """Return the indices of runs by level; runs with similar responses belong to one level."""
     measured = [number for number, run in enumerate(runs) if run in sizes]
     levels: list[list[int]] = []
     for number in sorted(measured, key=lambda number: sizes[runs[number]]):
@@ -205,7 +205,7 @@ def sizes_of_runs(part: Observable) -> dict[str, float]:
 
 
 def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
-    """Return the relative sd of zeta between levels, from repeats; None if runs are stated."""
+    """Return zeta's relative sd between levels, from repeats; None if the campaign states runs."""
     if not are_levels(data):
         return None
     repeats = scatter_of_repeats(shifts, sizes_of(data)) or 0.0
@@ -219,7 +219,7 @@ def _centre(best: Fit) -> Float[np.ndarray, " own"]:
 
 
 def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None = None) -> Dataset:
-    """Return the dataset with separate offsets for each run, free in least squares.
+    """Return the dataset with separate offsets for each run, as unknowns of least squares.
 
     In a fit without offsets, errors of omega_n hide differences of zeta, and the weights follow the
     misfit: their scatter can be estimated only if both are free (`with_scatter`). `median` is that
@@ -243,7 +243,7 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None 
 
 
 def own_frequency_alone(data: Dataset) -> Dataset:
-    """Return the dataset with separate natural frequencies and common damping of the runs.
+    """Return the dataset with a natural frequency for each run, and one damping ratio for all.
 
     It is used to score a law on a run: a separate damping ratio of the run would hide errors of the
     law.
@@ -256,7 +256,7 @@ def own_frequency_alone(data: Dataset) -> Dataset:
 
 
 def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, float]:
-    """Return each data group's relative error if each run has its own natural frequency."""
+    """Return the relative errors of all data groups if each run has its own natural frequency."""
     scored = own_frequency_alone(data)
     residual = residual_by_label(residual_at(stacked, fit.x, prior, scored), scored)
     return error_by_label(residual, scored)
@@ -277,7 +277,7 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
 
 
 def _drawn(keys: Key[Array, " draw"], estimate: Estimate, data: Dataset) -> Spread:
-    """Draw the standard deviations between runs and the runs' offsets, for every random key."""
+    """Draw the standard deviations between runs and all runs' offsets, for each random key."""
     return _spreads(keys, jax.device_put(estimate), data.levels, data.scatters)
 
 
@@ -295,7 +295,7 @@ def _spreads(
 
 
 def sentence_of(shifts: Shifts, of_levels: float | None = None) -> str:
-    """Return the sentence on run differences; `of_levels` is the value of `damping_scatter`."""
+    """Return the sentence on differences between runs, with their variation between levels."""
     apart = shifts.offset[:, 0] - shifts.offset[:, 0].mean()
     offsets_hz = dict(zip(shifts.runs, (apart / (2 * np.pi)).tolist(), strict=True))
     return messages.differ(float(shifts.p), offsets_hz, _has_offsets(of_levels))
@@ -392,7 +392,7 @@ def _scatter_of_offsets(offset: Values, std: Values) -> float:
 
 
 def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
-    """Return the finding on whether offsets depend on amplitude; None with too few runs."""
+    """Return the finding on whether run offsets depend on amplitude; None with too few runs."""
     sizes = sizes_of(data)
     indices = [i for i, name in enumerate(shifts.runs) if name in sizes]
     x = np.array([sizes[shifts.runs[i]] for i in indices])

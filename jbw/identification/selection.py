@@ -21,11 +21,11 @@ class Sweeps:
     """The fitted and the held-out sweeps of a campaign."""
 
     fitted: tuple[Test, ...]  # fitted levels, each with its fitted repeats only
-    held_out: tuple[Test, ...]  # every level with the repeats that are not fitted
+    held_out: tuple[Test, ...]  # all levels, with those repeats that are not fitted
 
 
 def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
-    """Return the tests that remain after `fit` and `hold_out`."""
+    """Return the tests that `fit` and `hold_out` leave to be fitted."""
     names = [test.name for test in tests]
     unknown = [name for name in settings.hold_out if name not in names]
     if unknown:
@@ -38,13 +38,13 @@ def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
 
 
 def linear_test(tests: Sequence[Test]) -> Test | None:
-    """Return the noise or multisine test of the lowest level, for Step 2."""
+    """Return the noise or multisine test with the lowest level, for the line fit (Step 2)."""
     noise = [test for test in tests if test.traits.is_broadband]
     return min(noise, key=LEVEL, default=None)
 
 
 def probing_tests(tests: Sequence[Test], natural_hz: float) -> tuple[Test, ...]:
-    """Return the single-tone tests near a third of the natural frequency, for Step 3."""
+    """Return the single-tone tests near a third of the natural frequency, for the kernel fit."""
     low, high = (part * natural_hz for part in THIRD)
     single = [test for test in tests if test.is_single_tone and low < test.tones_hz[0] < high]
     return tuple(sorted(single, key=lambda test: test.tones_hz[0]))
@@ -94,17 +94,18 @@ def _outermost(sweeps: Sequence[Test], drive: str) -> list[float]:
 
 @dataclass(frozen=True)
 class DecaySplit:
-    """The fitted and the held-out free decays of all tests together."""
+    """The fitted and the held-out free decays of all tests, as one test."""
 
     fitted: Test
     together: Test  # all decays, the fitted ones first
-    names: tuple[str, ...]  # test of each decay, and the number of the decay in it, from one
+    # for each decay, the name of its test and its number in this test, counted from one
+    names: tuple[str, ...]
 
 
 def decay_tests(
     tests: Sequence[Test], settings: Identify, chosen: Sequence[Test] | None = None
 ) -> DecaySplit | None:
-    """Divide the free decays into fitted and held-out ones; return None without any to fit.
+    """Divide the free decays into fitted and held-out ones; return None if none is fitted.
 
     `fit_repeats` decays of each of the `chosen` tests (all tests if None) are fitted, half by
     default; they span the amplitudes.

@@ -15,15 +15,17 @@ from jbw.oscillator.attachment import Attachment, attached
 from jbw.report.messages import instruments as messages
 
 ROLES = ("input", "force", "drive_point")
-# Extension of the band, relative to its width, which separates mass, stiffness, delay and damping.
+# Extension of the band on each side, relative to its width: it separates mass, stiffness, delay and
+# damping.
 WIDER = 1.5
 OCTAVE = 2.0
-DRIVEN = 0.05  # A line is not driven if it is below this part of the voltage's largest line.
+# A spectral line is not driven if it is below this fraction of the voltage's largest line.
+DRIVEN = 0.05
 
 
 @dataclass(frozen=True)
 class ShakerReading:
-    """The shaker of a test, with the modes in its band without and with it."""
+    """The identified shaker of a test, with the modes in its band with and without the shaker."""
 
     shaker: ShakerFit
     modes: ModalFit  # modes of the structure alone, from the measured force
@@ -74,7 +76,7 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
 
 
 def _after(record: Record, settle: float) -> Record:
-    """Return a record without its settling time."""
+    """Return a record without its initial settling time."""
     start = round(settle * record.fs)
     if start >= record.num_samples:
         raise DataError(
@@ -85,7 +87,7 @@ def _after(record: Record, settle: float) -> Record:
 
 
 def _faded(motion: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
-    """Return a record multiplied by Hann's window, because it begins and ends in motion.
+    """Return a record multiplied by a Hann window, because it begins and ends in motion.
 
     The relations between voltage, force and motion change little within a spectral line, so the
     window changes all of them alike. Without the window, each would leak separately.
@@ -96,7 +98,7 @@ def _faded(motion: Float[np.ndarray, " time"]) -> Float[np.ndarray, " time"]:
 def _modes(
     test: Test, record: Record, size: int | None, band: tuple[float, float], modes: int
 ) -> ModalFit:
-    """Fit the modes of a band to the response of the drive point per force."""
+    """Fit the modes of a band to the FRF from the force to the drive point."""
     force, moved = record.channels["force"], record.channels["drive_point"]
     if test.traits.is_broadband:
         window = "hann" if size is None else "boxcar"
@@ -109,7 +111,7 @@ def _modes(
 def _driven(
     voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the band, widened by 1.5 of its widths on each side where the voltage drives it.
+    """Return the band, extended by 1.5 widths on each side as far as the voltage drives it.
 
     It is widened by at most an octave, because noise of a sensor at low frequencies is a large
     displacement.
@@ -118,7 +120,7 @@ def _driven(
     freq = np.fft.rfftfreq(len(voltage), 1 / fs)
     size = np.abs(np.fft.rfft(voltage - voltage.mean()))  # This removes the offset of an amplifier.
     driven = freq[size > DRIVEN * size.max()]
-    if not len(driven):  # The channel is constant, which the fit reports.
+    if not len(driven):  # A constant channel drives nothing; the fit reports this.
         return band
     low = max(band[0] - reach, band[0] / OCTAVE, driven[0])
     high = min(band[1] + reach, band[1] * OCTAVE, driven[-1])

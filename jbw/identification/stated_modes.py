@@ -27,7 +27,7 @@ from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_name
 from jbw.report.messages import modes as messages
 
-# probability of such an improvement by chance, with modes that do not move the joint
+# probability that chance alone improves a fit so much, with modes that do not move the joint
 BY_CHANCE = 0.01
 BARE = ("", "none", "force", BASE)  # drives with which the shaker's dynamics do not matter
 ROUGH = 1e-6  # relative tolerance of the sum of squares and of the step, in fits with another sign
@@ -71,7 +71,7 @@ def modes_of(
 
 
 def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
-    """Raise a ConfigError for common residual terms of responses at several points."""
+    """Raise a ConfigError if responses at several points are to share residual terms."""
     shared = [test for test in tests if test.residuals in ("upper", "both")]
     if modes.points and shared:
         raise ConfigError(
@@ -83,7 +83,7 @@ def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
 
 
 def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Test, ...]:
-    """Return tests with separate constants for modes outside the band, if the campaign says so."""
+    """Return tests with separate residual constants for each test, if the campaign wants them."""
     return tuple(
         replace(test, residuals="own")
         if has_own(test.residuals, several_modes=modes is not None)
@@ -93,7 +93,7 @@ def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Te
 
 
 def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
-    """Raise a ConfigError for prior bounds of quantities that the [structure] table fixes."""
+    """Raise a ConfigError if a prior is stated for a quantity that [structure] fixes."""
     settled_by = {names.shape: "joint_shape" for names in modes.names if modes.joint_shape}
     settled_by |= {names.coupling: "driving_point" for names in modes.names if modes.driving_point}
     joint_names = {name for names in modes.names for name in (names.shape, names.coupling)}
@@ -113,7 +113,7 @@ def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> 
 
 
 def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
-    """Raise a ConfigError for prior bounds in which the frequencies of two modes could cross."""
+    """Raise a ConfigError if the prior bounds of two modes' frequencies overlap."""
     names = ("omega_n", *(mode_names.omega for mode_names in modes.names))
     wide = {
         n: (2 * np.pi * low, 2 * np.pi * high)
@@ -131,7 +131,7 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
 
 
 def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
-    """Raise a DataError if the tests give no starting values of a mode."""
+    """Raise a DataError if no test gives starting values of a mode."""
     first_values = told_by(parts)
     for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
         if (names.omega if names else "omega_n") not in first_values:
@@ -165,14 +165,14 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
 
 
 def unknown_signs(prior: Box, data: Dataset) -> list[str]:
-    """Return the parameter names of the signs of modes whose shapes are free."""
+    """Return the names of the signs of those modes whose shapes are free parameters."""
     return [] if data.modes is None else [
         names.sign for names in data.modes.names if names.shape in prior.names
     ]  # fmt: skip
 
 
 def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
-    """Try the opposite sign of each mode in turn; return the best fit and its dataset."""
+    """Try the opposite sign of each mode in turn; return the best fit with its dataset."""
     growth = []
     for sign in unknown_signs(prior, data):
         other = replace(data, held={**data.held, sign: -data.held[sign]})
@@ -188,7 +188,7 @@ def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
 
 
 def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
-    r"""Return the sentence on whether the joint moves in further modes, or these are linear.
+    r"""Return the sentence on whether modes after the first move the joint or are linear.
 
     $$\chi^2_{linear} - \chi^2 > F^{-1}_{\chi^2_k}(0.99)$$
 
@@ -209,7 +209,7 @@ def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
 
 
 def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
-    r"""Return sentences on whether modes with separate laws may share one joint.
+    r"""Return sentences on whether modes with separate laws could share one joint.
 
     In one joint, a law is the same in every mode except for its units of length and force, so
     dimensionless parameters and ratios of parameters with one unit, such as $\delta/\gamma$, agree.
@@ -234,7 +234,7 @@ def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
 
 
 def _invariants(laws: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return parameters, or ratios of two, that do not depend on units of length and force."""
+    """Return parameters, or ratios of two parameters, that need no units of length or force."""
     invariants: dict[str, tuple[str, ...]] = {}
     by_unit: dict[str, str] = {}
     for quantity in quantities_of(laws):
@@ -258,7 +258,7 @@ def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[
     """Return sentences on modes whose gain may be zero according to the posterior."""
     sentences = []
     for hz, names in zip(modes.hz[1:] if modes else (), modes.names if modes else (), strict=True):
-        # Free decays do not determine the gain of this mode relative to the first.
+        # Free decays do not determine this mode's gain relative to the first mode.
         if names.ratio not in posterior:
             continue
         low, _, high = np.quantile(posterior[names.ratio].values, QUANTILES)

@@ -72,7 +72,7 @@ def finished(
     statements: Iterable[str] = (),
     held: Mapping[str, Any] | None = None,
 ) -> Step:
-    """Return a posterior as a step of the identification: with its judged findings, fit and prior.
+    """Return a posterior with its judged findings, fit and prior, in the form of a result.
 
     `started` is the value of `perf_counter()` at the start of the step.
     """

@@ -28,7 +28,7 @@ SHARES = np.linspace(0.125, 1.0, 8)  # fractions of the distance from a fit to a
 
 
 def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
-    """Return the likeliest starting values for every other combination of reached thresholds."""
+    """Return likely starting values on the other sides of the laws' thresholds."""
     here = reached(best.theta, best.theta, data)
     law_names = {quantity.name for law in laws_named(data.laws) for quantity in law.table} & set(
         prior.names
@@ -49,7 +49,7 @@ def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
 def reached(
     theta: Mapping[str, Any], fitted: Mapping[str, float], data: Dataset
 ) -> Bool[np.ndarray, "threshold point"]:
-    """Return which thresholds of the laws the largest motion reaches, at each point."""
+    """Return, for each parameter point, which laws' thresholds the largest motion exceeds."""
     y_peak, parameters = fitted_displacement(fitted, data), {**data.held, **theta}
     laws = [law.of(parameters) for law in laws_named(data.laws)]
     y = [np.atleast_1d(threshold.y) for law in laws for threshold in law.thresholds()]
@@ -68,7 +68,7 @@ def log_evidence(found: Fit) -> float:
 
 
 def _towards_bounds(law_names: Set[str], best: Fit, prior: Box) -> dict[str, np.ndarray]:
-    """Return points with one parameter of the laws moved from the fit towards a bound."""
+    """Return points at which one parameter of the laws has moved from the fit towards a bound."""
     s = to_search(best.x, prior)
     moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in law_names
              for end in (0.0, 1.0)]  # fmt: skip

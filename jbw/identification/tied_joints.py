@@ -51,8 +51,9 @@ from jbw.report.messages import laws as messages
 
 Laws = tuple[str, ...]
 PREFIX = "tied_"  # prefix of the attributes that store this comparison
-DECISIVE = 3.0  # difference of log evidence that decides, 20 to 1 [nats]
-# largest number of sets of laws; if there are more, fewer laws are changed at single joints
+DECISIVE = 3.0  # difference of log evidence that decides between laws: 20 to 1 [nats]
+# Largest number of sets of laws. If changes at single joints exceed it, only a joint without a law
+# is tried at each of them, or no change.
 MOST = 12
 
 # Laws that are tried by default: none, elastic, and hysteretic ones.
@@ -60,7 +61,7 @@ USUAL: tuple[Laws, ...] = ((), ("cubic",), ("bouc_wen",), ("bouc_wen_nu",), ("iw
 
 
 class TiedEvidence(NamedTuple):
-    """The evidence for one law shared by several joints, against separate laws.
+    """The evidence for one law that several joints share, against separate laws.
 
     Attributes:
         laws: Names of the laws, with the joints that share each law.
@@ -122,7 +123,7 @@ def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
 
 
 def tied_laws(laws: Laws) -> Laws:
-    """Return laws in which joints with laws of the same kind share them."""
+    """Return laws that joints with the same kind of law share."""
     kinds = {
         joint: tuple(split(law)[0] for law in laws if joint in split(law)[1])
         for joint in joints_of(laws)
@@ -135,7 +136,7 @@ def tied_laws(laws: Laws) -> Laws:
 
 
 def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedEvidence | None:
-    """Compare the evidence of one law for all joints of a kind with that of separate laws.
+    """Compare the evidence for one law per kind of joint with that for separate laws.
 
     None unless two joints have separate laws of one kind.
     """
@@ -233,7 +234,7 @@ def _with_changed(
     groups: Sequence[tuple[str, ...]],
     campaign_laws: Laws,
 ) -> tuple[str, tuple[Laws, ...]]:
-    """Add sets of laws that differ at one joint; return the added sets, and all sets."""
+    """Add sets of laws that differ at one joint; return a phrase for these sets, and all sets."""
     stuck = [laws for laws in plain if not laws]
     for which, tried in ((messages.EVERY, plain), (messages.NONE, stuck)):
         changed = [_with_others(laws, group, campaign_laws) for group in groups for laws in tried]
@@ -244,19 +245,19 @@ def _with_changed(
 
 
 def _everywhere(laws: Laws, groups: Sequence[tuple[str, ...]]) -> Laws:
-    """Return the given laws at all joints; tied joints share each law."""
+    """Return the given laws at all joints; each group of tied joints shares a law."""
     return tuple(law_name(law, joints) for joints in groups for law in laws)
 
 
 def _with_others(laws: Laws, group: tuple[str, ...], campaign_laws: Laws) -> Laws:
-    """Return a campaign's laws, with other laws at one set of tied joints."""
+    """Return a campaign's laws, with other laws at one group of tied joints."""
     before = [law for law in campaign_laws if split(law)[1] != group]
     first = next(i for i, law in enumerate(campaign_laws) if split(law)[1] == group)
     return (*before[:first], *_everywhere(laws, [group]), *before[first:])
 
 
 def _require_joints(whole: Sequence[Laws], groups: Sequence[tuple[str, ...]]) -> None:
-    """Raise a ConfigError for laws at joints that the campaign lacks."""
+    """Raise a ConfigError if laws are stated for joints that the campaign lacks."""
     known = [joint for joints in groups for joint in joints]
     for joint in (joint for laws in whole for joint in joints_of(laws)):
         if joint not in known:

@@ -26,10 +26,11 @@ from jbw.observables.modes import Modes
 from jbw.oscillator.modes.assembled import OMEGA, STIFFNESS, factor_name, motion_name, numbered
 from jbw.quantities import joints_of, motion_factors_in, name_at, split
 
-SPREAD = 0.1  # prior sd of the logarithm of a factor on a joint's motion in a mode
-# A joint hardly moves if its energy share is below this part of the mode's largest share.
+SPREAD = 0.1  # prior standard deviation of the logarithm of a factor on a joint's motion in a mode
+# A joint hardly moves in a mode if its share of the energy is below this fraction of the mode's
+# largest share.
 HARDLY_MOVED = 1e-4
-Place = tuple[str, int]  # joint, and number of the mode from 1
+Place = tuple[str, int]  # joint, and number of the mode, counted from 1
 
 
 @cache
@@ -39,7 +40,7 @@ def shape_prior() -> Density:
 
 
 def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
-    """Return the joint and mode whose factor is fixed, for each law's joints."""
+    """Return for each joint the pair (joint, mode) whose motion factor is fixed to one."""
     shares = _energy_shares(modes, joints_of(laws))
     homes: dict[str, Place] = {}
     for joints in dict.fromkeys(split(law)[1] for law in laws):
@@ -50,7 +51,7 @@ def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
 
 
 def shape_factors(modes: Modes, laws: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the factors that are inferred; empty if the model fixes the shapes."""
+    """Return the names of the inferred factors; empty if the model's mode shapes are certain."""
     if not modes.uncertain:
         return ()
     shares = _energy_shares(modes, joints_of(laws))
@@ -83,7 +84,7 @@ def first_factors(data: Dataset) -> dict[str, float]:
 
 
 def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> Identify:
-    """Return settings with a prior for each inferred factor, and for no other.
+    """Return settings with a prior for each inferred factor, and without priors for the others.
 
     A prior that the campaign states is kept.
     """
@@ -94,13 +95,13 @@ def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> 
 
 
 def with_stated_priors(settings: Identify, data: Dataset) -> Dataset:
-    """Return data with the prior densities that settings state for free parameters."""
+    """Return data with the prior densities that the settings state for sampled parameters."""
     stated = {name: prior for name, prior in settings.prior.items() if name not in data.held}
     return replace(data, stated=StatedDensities.of(stated))
 
 
 def require_inferred(modes: Modes, laws: Sequence[str], prior: Mapping[str, Any]) -> None:
-    """Raise a ConfigError for a stated prior of a factor that is not inferred.
+    """Raise a ConfigError if a prior is stated for a factor that is not inferred.
 
     Raises:
         ConfigError: There is such a prior.

@@ -43,12 +43,12 @@ def usable(
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:
-    """Return the test for Step 2 among those that are not rejected."""
+    """Return the test for the line fit (Step 2) among those that are not rejected."""
     return linear_test([test for test in tests if test.name not in refused])
 
 
 def _refusal(test: Test, settings: Identify) -> str:
-    """Return the reason why a test cannot be fitted; empty if it can."""
+    """Return the reason why a test cannot be fitted; an empty text if it can."""
     try:
         if test.traits.is_free:
             split = decay_tests([test], settings)

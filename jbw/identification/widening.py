@@ -22,9 +22,10 @@ from jbw.report.messages import posterior as messages
 
 Laws = tuple[str, ...]
 
-# The frequency and damping of a neighbouring mode would move far away to hide an error of the law.
+# With wider bounds, the frequency and damping of a neighbouring mode would move far away and hide
+# an error of the law.
 PLACES = frozenset(name for omega, zeta, _ in MODES for name in (omega, zeta))
-# Further modes at the joint keep their frequencies; their motions have separate priors.
+# Frequencies of further modes of the joint keep their bounds; their motions have separate priors.
 KEPT = PLACES | {quantity.name for mode in BESIDE for quantity in (mode[0], *mode[3:])}
 
 
@@ -45,7 +46,7 @@ def _known(laws: Laws) -> dict[str, Quantity]:
 
 
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
-    """Return the fit with a wider prior if a default bound truncates draws; otherwise None.
+    """Return the fit with a wider prior if draws reach a default bound, or else None.
 
     Bounds that the campaign states are kept.
     """
@@ -54,7 +55,7 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
 
 
 def widened_by_fit(ready: Fitted, stated: Container[str]) -> Fitted | None:
-    """Return the fit with a wider prior if it ends at a default bound; otherwise None.
+    """Return the fit with a wider prior if it ends at a default bound, or else None.
 
     Bounds that the campaign states are kept, and so are lower bounds of zero, where a quantity
     ends.
@@ -74,7 +75,7 @@ def _refitted(
     stated: Container[str],
     said: Callable[[Sequence[str]], str],
 ) -> Fitted | None:
-    """Move the reached bounds away and fit again; return None if all bounds are kept.
+    """Widen the prior at the reached bounds and fit again; return None if all bounds are kept.
 
     They move by the width of the box, or to the default bound for the weakest record alone if that
     is farther, so that a stronger record does not determine the box.

@@ -11,8 +11,8 @@ from scipy import optimize
 from jbw.measurement.spectra import FRF
 from jbw.quantities import derivative_order
 
-HALF_WIDTH = 32  # number of bins of the window's transform that are used
-NEIGHBOURS = 6  # Errors of lines that are farther apart are independent.
+HALF_WIDTH = 32  # number of bins of the window's transform, on each side, that are used
+NEIGHBOURS = 6  # Errors of spectral lines that are farther apart than this are independent.
 
 Complex = NDArray[np.complex128]
 Real = NDArray[np.float64]
@@ -33,7 +33,7 @@ def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex
 def smeared(
     omega: Real, omega_n: float, zeta: float, gain: float, window_s: float, order: int
 ) -> Complex:
-    r"""Return the mean of H1 under Hann windows and white input, for the measured response.
+    r"""Return the mean of an H1 estimate under Hann windows and white input (measured response).
 
     $$\mathrm{E}\,\hat H(\omega) = \int_0^T h(\tau)\,w_a(\tau)\,e^{-j\omega\tau}\,\mathrm{d}\tau,
       \qquad h = \frac{\mathrm{d}^p}{\mathrm{d}\tau^p}
@@ -69,7 +69,7 @@ def _hann_transform(p: Complex, window_s: float) -> Complex:
 
 @dataclass(frozen=True)
 class LineErrors:
-    """Second moments of the errors d of an FRF's lines, between outputs and neighbouring lines.
+    """Second moments of the errors d of FRF lines, between outputs and neighbouring lines.
 
     Axes are (output, output, 2 NEIGHBOURS + 1, line), with the distance q in ascending order. The
     first output is that of line i, the second that of line i + q.
@@ -103,7 +103,7 @@ class LineErrors:
 def line_errors(
     outputs: Sequence[FRF], noise_ratio: Real, modes: Sequence[Modes], leakage: bool
 ) -> LineErrors:
-    r"""Estimate the covariance of the errors of H1 lines and their neighbouring lines.
+    r"""Estimate the covariance of errors between neighbouring lines of H1 estimates.
 
     For Gaussian input and noise, the error of a line is sum_k R_k conj(U_k) / sum_k |U_k|^2, where
     R_k is the part of segment k's response that H times its input does not explain. Hence
@@ -179,7 +179,7 @@ def _by_neighbour(
     The results are leakage and force noise of E[R conj R], and leakage of E[R U*] E[R U*]. The axes
     are q, line and lag; the first of two outputs is that of line i.
     """
-    # One product for all distances and lags: 39 small products take ten times as long.
+    # Use one product for all distances and lags: 39 small products take ten times as long.
     flat = np.moveaxis(kernels, 1, 0).reshape(kernels.shape[1], -1)
 
     def along(near: Complex | Real, weights: Complex) -> Complex:
@@ -202,7 +202,7 @@ def _by_neighbour(
 
 
 def _hann(bins: Real) -> Real:
-    """Return the Fourier transform of the Hann window about its middle, in its durations."""
+    """Return the Fourier transform of a Hann window about its middle, for a duration of one."""
     # At bins = +-1, the limit of sinc / (1 - bins^2) is a half.
     regular = np.abs(np.abs(bins) - 1) > 1e-9
     safe = np.where(regular, bins, 0.0)

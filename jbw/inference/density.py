@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-# Probability beyond five standard deviations of a normal distribution. A box that excludes this
-# much at each end does not change a posterior that is narrower.
+# Probability beyond five standard deviations of a normal distribution. Bounds that exclude this
+# much at each end do not change a narrower posterior.
 TAIL = 2.866515718791933e-07  # probability below -5 standard deviations
 COMMON = (
     "Beta", "Cauchy", "Exponential", "Gamma", "HalfCauchy", "HalfNormal", "InverseGamma", "Laplace",
@@ -23,7 +23,7 @@ NEAR = 1e-3  # relative step from the end of the support, at which a density is 
 
 
 class Density(tuple[float, float]):
-    """A prior density; as a pair of numbers it is the bounds outside which it is negligible.
+    """A prior density; read as a pair of numbers, it is the bounds outside which it is negligible.
 
     Attributes:
         family: Name of the distribution in `numpyro.distributions`.
@@ -54,7 +54,7 @@ class Density(tuple[float, float]):
         return _rebuilt, (self.family, self.arguments, self._distribution_of_caller())
 
     def _distribution_of_caller(self) -> Any:
-        """Return a distribution that a user created; None for one stated by name."""
+        """Return a distribution that the user created; None for a distribution stated by name."""
         return None if isinstance(self.arguments, dict) or self.arguments else self.build()
 
     def __repr__(self) -> str:
@@ -179,7 +179,7 @@ def _quantile(distribution: Any, mass: float) -> float:
 
 
 def _bracket(excess: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """Return two points inside an interval between which a rising function is zero."""
+    """Return two points in an interval between which a rising function crosses zero."""
     middle = (low + high) / 2 if isfinite(low) and isfinite(high) else 0.0
     if isfinite(low) != isfinite(high):
         middle = low + 1.0 if isfinite(low) else high - 1.0

@@ -18,7 +18,7 @@ def words_of(key: Key[Any, ""]) -> list[int]:
 
 
 def parts_of(key: Key[Array, ""], count: int) -> list[Key[Array, ""]]:
-    """Return the keys of `jax.random.split` as a list, by one program for up to 16 keys.
+    """Return the keys of `jax.random.split` as a list; one program serves up to 16 keys.
 
     The first keys do not depend on `count`. Taking keys from an array of keys would compile a
     program for each.

@@ -27,7 +27,7 @@ Solver = Callable[[Mapping[str, np.ndarray], Any, int], Solved | None]
 
 
 def solved_first(solver: Solver) -> Callable[[Any], Any]:
-    """Return a decorator for functions of (theta, data) with a costly part that `solver` computes.
+    """Return a decorator for functions of (theta, data) whose costly part `solver` computes.
 
     At many points the `solver` is called first, with (theta, data, threads). It returns data that
     contain the costly part, as two trees that `equinox.combine` joins: the data without this part,
@@ -43,7 +43,7 @@ def solved_first(solver: Solver) -> Callable[[Any], Any]:
 
 
 def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
-    """Return a decorator for functions of (theta, data) that use only a part of the data.
+    """Return a decorator for functions of (theta, data) that need only the part of data `seen`.
 
     Programs depend on all data that are not arrays, such as names. `seen` removes names that do not
     matter to the function, so that data of equal shapes share a program.
@@ -57,7 +57,7 @@ def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
 
 
 def seen_by(function: Any, data: PyTree) -> PyTree:
-    """Return the part of the data that a function uses, as marked by `seeing`."""
+    """Return the data that a function uses, as marked by `seeing`."""
     seen = getattr(function, "seen", None)
     return data if seen is None else seen(data)
 
@@ -109,7 +109,6 @@ def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data
 def _rest(
     function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
 ) -> PyTree:
-    """Return the values of a function whose expensive part has been computed before."""
     return jax.vmap(lambda point, motions: function(point, eqx.combine(data, motions)))(
         dict(theta), solved
     )
@@ -139,7 +138,7 @@ def in_background[Made](work: Callable[[], Made]) -> Iterator[Future[Made]]:
 def side_by_side[Start, End](
     search: Callable[[Start, Evaluate], End], starts: Sequence[Start], evaluate: Evaluate
 ) -> list[End]:
-    """Run searches from several starts in parallel, and evaluate their points in common batches.
+    """Run searches from several starts in parallel; evaluate their points in common batches.
 
     Each search runs in a separate thread. As soon as all running searches wait for values, one call
     evaluates the points of all, which fills the lanes that a single search leaves empty. Searches
@@ -165,7 +164,7 @@ def side_by_side[Start, End](
 
 
 class _Meeting:
-    """The common evaluation of parallel searches, once each of them has asked for values."""
+    """The common evaluation of parallel searches, after each of them has sent its points."""
 
     def __init__(self, evaluate: Evaluate, num_running: int) -> None:
         self._evaluate, self._num_running = evaluate, num_running
@@ -173,7 +172,7 @@ class _Meeting:
         self._is_closed, self._lock = False, Lock()
 
     def values_at(self, points: np.ndarray) -> np.ndarray:
-        """Return the values at one search's points, computed once all searches have sent points."""
+        """Return the values at one search's points, computed once all searches have sent theirs."""
         values: Future[np.ndarray] = Future()
         with self._lock:
             if self._is_closed:
@@ -199,7 +198,7 @@ class _Meeting:
             values.cancel()
 
     def _complete(self) -> list[tuple[np.ndarray, Future[np.ndarray]]]:
-        """Return the points of all running searches, once each of them has asked for values."""
+        """Return the points of all running searches as soon as each of them has sent some."""
         if len(self._asked) < self._num_running:
             return []
         asked, self._asked = self._asked, []

@@ -22,7 +22,7 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class NumpyroModel:
-    r"""A posterior as a NumPyro model: a function that declares its random variables.
+    r"""A posterior as a NumPyro model, a function that declares its random variables.
 
     $$\theta_i \sim \pi_i, \qquad \log L = \log L(\theta)$$
 
@@ -68,7 +68,7 @@ class NumpyroModel:
 
     @property
     def start(self) -> dict[str, float]:
-        """The optimum of a fit by name, at least one standard deviation inside the bounds."""
+        """The optimum of a fit by name, kept at least one standard deviation from the bounds."""
         inside, bounds = {}, bounds_by_name(self.box)
         for name, std in zip(self.box.names, np.sqrt(np.diag(self.covariance)), strict=True):
             low, high = bounds[name]

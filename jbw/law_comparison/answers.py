@@ -21,23 +21,24 @@ from jbw.results.laws import StoredLaw, StoredLaws, StoredSharedRuns
 # smallest number of runs for which the standard error of a difference of scores is reliable
 FEWEST_RUNS = 5
 APART = 2.0  # Laws are distinguished if their scores differ by this number of standard errors.
-# A score from poor importance weights may be wrong by this multiple of its difference to the score
-# from fits.
+# The possible error of a score with poor importance weights, as a multiple of its difference to the
+# score from fits.
 OFF = 3.0
-# Log evidence that distinguishes two laws if there are too few runs for scores [nats]
+# Difference of log evidence [nats] that distinguishes two laws if there are too few runs for
+# scores.
 NATS = 5.0
-# Laws predict equally well if their error is at most this multiple of the smallest error.
+# Laws predict equally well if their errors are at most this multiple of the smallest error.
 AS_GOOD = 1.1
-# what a law may have to predict beyond the fitted tests: stronger tests, other kinds of test
+# targets of prediction beyond the fitted tests: stronger tests, other kinds of test
 TARGETS = (laws.OUTWARD, laws.ACROSS)
-# An error up to this multiple of the standard error of the repeats' mean is close to noise.
+# An error below this multiple of the standard error of the repeats' mean is close to noise.
 NEAR_FLOOR = 1.2
 
 Rows = Mapping[str, StoredLaw]
 
 
 def compared_rows(rows: Rows, scores: Mapping[str, np.ndarray]) -> dict[str, StoredLaw]:
-    """Return the row of each law: differences to the best law, weight, and answer."""
+    """Return the table row of each law: difference to the best law, weight, and answer."""
     by_runs = bool(scores) and len(next(iter(scores.values()))) >= FEWEST_RUNS
     best = _best(rows, scores, by_runs=by_runs)
     apart = differences(scores, best) if scores else {}
@@ -79,7 +80,7 @@ def _best(rows: Rows, scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str
 
 
 def _may_be_off(row: StoredLaw) -> float:
-    """Return the possible error of a score whose importance weights are poor [nats]."""
+    """Return the possible error [nats] of a score that comes from poor importance weights."""
     return OFF * (row.elpd_doubt or 0.0) if _is_rough(row, by_runs=True) else 0.0
 
 
@@ -90,7 +91,7 @@ def _is_rough(row: StoredLaw, *, by_runs: bool) -> bool:
 
 
 def _answer(row: StoredLaw, best: StoredLaw, *, by_runs: bool) -> str:
-    """Return whether a law is worse than the best law, cannot be told apart, or is not judged.
+    """Return the comparison of a law with the best law: worse, not told apart, or not judged.
 
     A law with a rough score is not judged, unless it lies farther behind than its possible error,
     or is hopeless and thus worse in any case.
@@ -103,14 +104,14 @@ def _answer(row: StoredLaw, best: StoredLaw, *, by_runs: bool) -> str:
 
 
 def _behind_by_runs(row: StoredLaw, best: StoredLaw) -> bool:
-    """Return whether a law's score is lower by more than its standard error and possible error."""
+    """Return whether a law's score is lower by more than the errors of both scores allow."""
     off = _may_be_off(row) + _may_be_off(best)
     behind = -(row.elpd_difference or 0.0)
     return behind - off > APART * (row.elpd_difference_se or 0.0)
 
 
 def _behind_by_evidence(row: StoredLaw, best: StoredLaw) -> bool:
-    """Return whether a law's evidence is clearly lower, with the priors and with wider priors."""
+    """Return whether a law's evidence is clearly lower, for both the usual and wider priors."""
     if any(_is_rough(law, by_runs=False) for law in (row, best)):
         return False
     differences = (
@@ -123,7 +124,7 @@ def _behind_by_evidence(row: StoredLaw, best: StoredLaw) -> bool:
 def differences(
     scores: Mapping[str, Float[np.ndarray, " run"]], reference: str
 ) -> dict[str, tuple[float, float]]:
-    """Return the sum over runs of each law's score minus a reference, with its standard error."""
+    """Return each law's score minus a reference, summed over runs, with its standard error."""
     sums = {}
     for name, of_runs in scores.items():
         apart = of_runs - scores[reference]
@@ -133,7 +134,7 @@ def differences(
 
 
 def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float]:
-    """Return the weights of laws whose mixture would have predicted the left-out runs best.
+    """Return the weights of the laws whose mixture predicts the held-out runs best.
 
     These weights serve prediction and are no probabilities of truth: laws that predict alike share
     their weight.
@@ -143,8 +144,8 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
     if len(scores) == 1:
         return dict.fromkeys(scores, 1.0)
-    # Scores are taken relative to the best law of each run. This leaves the weights unchanged, and
-    # the exponential cannot overflow.
+    # Scores are taken relative to the best law of each run; the weights stay the same, and the
+    # exponential cannot overflow.
     best = np.max(list(scores.values()), axis=0)
     scores = {name: of_runs - best for name, of_runs in scores.items()}
     elpd = {
@@ -160,7 +161,7 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
 
 
 def errors_on(rows: Rows, target: str) -> dict[str, float]:
-    """Return laws' prediction errors: for the highest level, or for the worst kind of test."""
+    """Return each law's prediction error: for the highest level, or for the worst kind of test."""
     errors = {
         name: row.error_highest if target == laws.OUTWARD else row.error_of_worst_kind
         for name, row in rows.items()
@@ -169,7 +170,7 @@ def errors_on(rows: Rows, target: str) -> dict[str, float]:
 
 
 def weights_for(rows: Rows, target: str) -> dict[str, float]:
-    """Return each law's weight in predictions of stronger or other tests; empty if unknown.
+    """Return each law's weight in predictions of stronger tests or other kinds; empty if unknown.
 
     Within the fitted amplitudes, the shares are the weights of the comparison. Outward and across
     kinds, laws whose error there is at most 1.1 times the least one share by the same weights. If
@@ -213,7 +214,7 @@ def statements(record: StoredLaws) -> list[str]:
 
 
 def _of_answers(record: StoredLaws, best: str) -> Iterator[str]:
-    """Yield sentences on laws that the data distinguish from the best law, or do not judge."""
+    """Yield sentences on which laws are as good as the best law, worse, or not judged."""
     if near := record.answered("not told apart"):
         yield laws.equivalent(near)
     if worse := record.answered("worse"):
@@ -228,7 +229,7 @@ def _of_answers(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_targets(rows: Rows, best: str) -> Iterator[str]:
-    """Yield a sentence for stronger and for other tests if another law predicts them best."""
+    """Yield a sentence if another law predicts stronger tests, or other kinds of test, best."""
     for target in TARGETS:
         shares = weights_for(rows, target)
         if shares and best not in shares:
@@ -238,7 +239,7 @@ def _of_targets(rows: Rows, best: str) -> Iterator[str]:
 
 
 def _of_errors(record: StoredLaws, best: str) -> Iterator[str]:
-    """Yield sentences on the best law's error, compared with repeats and linear oscillators."""
+    """Yield sentences that compare the best law's error with repeats and linear oscillators."""
     if record.floor is not None and record.floor > 0:
         error = record.laws[best].error
         near = error / record.floor < NEAR_FLOOR
@@ -248,7 +249,7 @@ def _of_errors(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_parameters(rows: Rows) -> Iterator[str]:
-    """Yield sentences on truncated parameters and reached thresholds, except of worse laws."""
+    """Yield sentences on truncated parameters and exceeded thresholds; omit worse laws."""
     for name, row in rows.items():
         if row.answer == "worse":
             continue
@@ -260,7 +261,7 @@ def _of_parameters(rows: Rows) -> Iterator[str]:
 
 
 def _of_rough_scores(rows: Rows) -> Iterator[str]:
-    """Yield sentences on laws whose scores or evidence depend on few draws."""
+    """Yield sentences on laws with few effective draws for their scores or evidence."""
     sentences = {"khat": laws.unreliable_scores, "khat_evidence": laws.unreliable_evidence}
     for key, sentence in sentences.items():
         if rough := [n for n, row in rows.items() if (getattr(row, key) or 0.0) > GOOD_KHAT]:
@@ -268,7 +269,7 @@ def _of_rough_scores(rows: Rows) -> Iterator[str]:
 
 
 def _of_unseen(rows: Rows) -> Iterator[str]:
-    """Yield sentences on which law predicts held-out tests best: within, beyond, other kinds.
+    """Yield sentences on which law predicts each type of held-out test best.
 
     Within and beyond refer to the largest fitted motion.
     """
@@ -286,7 +287,7 @@ def _of_unseen(rows: Rows) -> Iterator[str]:
 
 
 def _of_offsets(best: str, shared: StoredSharedRuns | None) -> Iterator[str]:
-    """Yield the sentence on the best law without separate omega_n and zeta of sessions."""
+    """Yield the sentence on the best law if omega_n and zeta are equal in all runs."""
     if shared is None:
         return
     moved = [
@@ -299,7 +300,7 @@ def _of_offsets(best: str, shared: StoredSharedRuns | None) -> Iterator[str]:
 
 
 def _of_widths(rows: Rows) -> Iterator[str]:
-    """Yield sentences on how the evidence changes if the priors are wider."""
+    """Yield sentences on how wider priors change the evidence."""
     widened = {name: _less(row.log_evidence_wide, row.log_evidence) for name, row in rows.items()}
     if changes := {name: change for name, change in widened.items() if change is not None}:
         yield laws.wider_priors(changes)

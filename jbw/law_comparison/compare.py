@@ -70,36 +70,36 @@ from jbw.verification.predictive_basis import basis_of
 
 logger = logging.getLogger("jbw")
 
-# Laws that are compared by default, if they are registered: no law, elastic laws, a smooth pair
-# that dissipates energy, and hysteretic laws without and with an elastic law.
+# Laws that are compared by default, if they are registered: no law, elastic laws, a smooth
+# dissipative pair, and hysteretic laws with and without an elastic one.
 USUAL = (
     "", "cubic", "quadratic + quadratic_damping", "bouc_wen", "bouc_wen + cubic", "bouc_wen_nu",
     "iwan4", "iwan4 + cubic", "masing_power + cubic", "jenkins_3",
 )  # fmt: skip
-OF_LOOPS = ("gap_series",)  # additional law that is compared for tests with prescribed displacement
+OF_LOOPS = ("gap_series",)  # additional law that is compared if tests prescribe the displacement
 NUM_DRAWS = 50  # number of draws from which bands of the curves are computed
 NUM_AMPLITUDES = 40
 FREE_PARTICLES = 1000  # number of particles for the law without an assumed form
-# Keys of the random numbers of the posterior, and of the scores of held-out runs.
+# Two random keys: one for the posterior, one for the scores of held-out runs.
 Keys = Key[Array, " two"] | Sequence[Key[Array, ""]]
-NUM_POINTS = 101  # number of points of half a loop
-MOST_PARTS = 100  # largest number of sections of a record whose rms is shown
-NUM_ERROR_DRAWS = 20  # number of draws from which the median of an error is computed
+NUM_POINTS = 101  # number of points on half a loop
+MOST_PARTS = 100  # largest number of record sections for which an rms is shown
+NUM_ERROR_DRAWS = 20  # number of draws that give the median of an error
 
 
 class Weighed(NamedTuple):
-    """A fitted law with its posterior, scores and evidence."""
+    """A fitted law with its posterior, its scores and its evidence."""
 
     candidate: Candidate
     draws: xr.DataTree
-    left_out: LeftOut | None  # scores of left-out runs; None if there is only one run
+    left_out: LeftOut | None  # scores of held-out runs; None if there is only one run
     wide: float | None  # log evidence under priors twice as wide
     log_likelihood: float  # largest log likelihood [nats]
-    # whether the fit is so poor that draws and scores come from the fit alone
+    # whether the fit is so poor that draws and scores are based on the fit alone
     hopeless: bool = False
 
 
-# draws, scores of left-out runs, and log evidence under wider priors, as in `Weighed`
+# draws, scores of held-out runs, and log evidence under wider priors, as in `Weighed`
 Judged = tuple[xr.DataTree, LeftOut | None, float | None]
 
 
@@ -107,12 +107,12 @@ Judged = tuple[xr.DataTree, LeftOut | None, float | None]
 class LawComparison:
     """The result of `compare_laws`."""
 
-    candidates: dict[str, Candidate]  # sets of laws by name, fitted to one dataset
+    candidates: dict[str, Candidate]  # fitted sets of laws, by name, all with the same data
     tree: xr.DataTree  # scores by run and law, and curves against amplitude
-    record: dict[str, Any]  # all numbers as plain values, as in `laws.json`
+    record: dict[str, Any]  # all results as plain values, as in `laws.json`
 
     def predict(self, test: Test) -> xr.Dataset:
-        """Predict bands on any test from all laws together, each with its weight.
+        """Predict bands for any test from all laws, each with its weight.
 
         Raises:
             DataError: If the test's source is in another unit than the campaign's.
@@ -133,7 +133,7 @@ def compare_laws(
     report: Report = logger.info,
     parts: Parts = unkept,
 ) -> LawComparison:
-    r"""Fit and compare laws of the joint on one campaign; show which laws the data distinguish.
+    r"""Fit and compare laws of the joint on one campaign; show which of them the data distinguish.
 
     Args:
         campaign: Campaign from `jbw.load_campaign` or the virtual rig; its own laws are tried too.
@@ -243,12 +243,12 @@ def _tree(
 
 
 def _left_out(weighed: Mapping[str, Weighed]) -> dict[str, LeftOut]:
-    """Return the scores of left-out runs for laws that have such scores."""
+    """Return the scores of held-out runs, for those laws that have such scores."""
     return {name: law.left_out for name, law in weighed.items() if law.left_out is not None}
 
 
 def _fitted_names(candidate: Candidate) -> tuple[str, ...]:
-    """Return the names of the runs and data groups to which a law was fitted."""
+    """Return the names of the runs and data groups to which laws were fitted."""
     data = candidate.fitted.data
     return *data.runs, *data.labels
 
@@ -260,7 +260,7 @@ def _offsets(key: Key[Array, ""], law: Weighed) -> xr.Dataset | None:
 
 
 def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, StoredLaw]:
-    """Return a row of numbers for each law, compared by scores of left-out runs."""
+    """Return a table row for each law, compared with the others by scores of held-out runs."""
     rows, scores = {name: row_of(law) for name, law in weighed.items()}, _left_out(weighed)
     elpd = {name: np.array(list(law.elpd.values())) for name, law in scores.items()}
     compared = compared_rows(rows, elpd)
@@ -275,7 +275,7 @@ def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, Stor
 def _trials(
     campaign: Campaign, laws: Sequence[str | Sequence[str]] | None
 ) -> tuple[tuple[tuple[str, ...], ...], str]:
-    """Return the sets of laws to compare, with a sentence on them; by default the usual sets."""
+    """Return the sets of laws to compare (by default the usual ones), and a sentence on them."""
     chosen = None if laws is None else _chosen(laws)
     if campaign.joints is not None:
         return trials_at_joints(campaign.laws, chosen)
@@ -283,7 +283,7 @@ def _trials(
 
 
 def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
-    """Return the usual laws that are registered, and the campaign's own laws."""
+    """Return those usual laws that are registered, and the campaign's own laws."""
     has_loops = any(test.traits.is_prescribed for test in campaign.tests)
     usual = [_parts(names) for names in (*USUAL, *(OF_LOOPS if has_loops else ()))]
     available = [names for names in usual if all(_known(name) for name in names)]
@@ -291,7 +291,7 @@ def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
 
 
 def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
-    """Return each named set of laws once."""
+    """Return the named sets of laws, each of them once."""
     parted = (_parts(names) if isinstance(names, str) else tuple(names) for names in laws)
     sets = list(dict.fromkeys(parted))
     for names in sets:
@@ -300,7 +300,7 @@ def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
 
 
 def _parts(name: str) -> tuple[str, ...]:
-    """Return the names of laws in a text that joins them by +; empty for a linear structure."""
+    """Return the names of laws that a text joins by +; empty for the linear structure."""
     parts = [part.strip() for part in name.split("+")]
     return tuple(part for part in parts if part not in ("", "linear"))
 
@@ -310,7 +310,7 @@ def _known(name: str) -> bool:
 
 
 def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
-    """Return the run with the highest level of the first kind of test that has levels."""
+    """Return the run with the highest level, of the first kind of test with several levels."""
     levels: dict[str, dict[str, float]] = {}
     for test in campaign.tests:
         of_test = [run for run in runs if belongs_to(run, test.name)]
@@ -363,13 +363,13 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
 
 
 def _hopeless(rows: Mapping[str, StoredLaw]) -> tuple[str, list[bool], dict[str, str]]:
-    """Return a variable that shows which laws are judged by their fits alone."""
+    """Return a labelled array that states which laws are judged by their fits alone."""
     attrs = {"long_name": messages.FIT_ALONE}
     return "law", [row.hopeless for row in rows.values()], attrs
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
-    """Return evenly spaced draws of all parameters, and fixed parameters, by name."""
+    """Return evenly spaced draws of all parameters by name; fixed parameters are repeated."""
     posterior = posterior_draws(tree)
     chosen = evenly_spaced(posterior, NUM_DRAWS)
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
@@ -384,7 +384,7 @@ def _shared_runs(
     best: str,
     report: Report,
 ) -> dict[str, Any] | None:
-    """Fit laws without run offsets; return the best law's parameters and all laws' errors.
+    """Fit laws without run offsets; return the best law's parameters and the errors of all laws.
 
     The result is None if no run has offsets.
     """
@@ -407,7 +407,7 @@ def weigh(
     report: Report,
     parts: Parts = unkept,
 ) -> tuple[dict[str, Weighed], dict[str, str]]:
-    """Sample and score each law; also return the laws that fail, with the reason.
+    """Sample and score each law; also return the laws that failed, with the reasons.
 
     Laws that do not fit at all are scored by their fits alone.
     """
@@ -440,7 +440,7 @@ def weigh(
 
 
 def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """Return a law's posterior, scores of left-out runs, and evidence under wider priors."""
+    """Return a law's posterior, scores of held-out runs, and evidence under wider priors."""
     drawn, moments = evidence.posterior(keys[0], candidate)
     held_out = left_out(keys[1], candidate, drawn, moments) if several else None
     wide = log_evidence_wide(keys[0], candidate, drawn)
@@ -448,13 +448,13 @@ def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
 
 
 def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
-    """Return draws and scores from the fit alone, for a law whose fit is very poor."""
+    """Return draws and scores from the fit alone, for a law that fits very poorly."""
     held_out = left_out_of_fits(candidate) if several else None
     return evidence.about_fit(keys[0], candidate), held_out, None
 
 
 def row_of(weighed: Weighed) -> StoredLaw:
-    """Return the stored numbers of one law."""
+    """Return the numbers of one law that are stored."""
     candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
     names, posterior = candidate.fitted.box.names, posterior_draws(tree)
     every = every_parameter(posterior, candidate.fitted.data)
@@ -487,7 +487,7 @@ def row_of(weighed: Weighed) -> StoredLaw:
 
 
 def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
-    """Return the laws' steady force loops at the largest displacement [m], minus the stuck force.
+    """Return the laws' force loops at the largest displacement [m], less the fully stuck force.
 
     Each loop is the force minus that of the stuck spring, on the way down from y = Y and up again,
     at the fit of the law. Dampers have no effect at this slow motion.
@@ -513,7 +513,7 @@ def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
 
 
 def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset:
-    """Return each law's residual of the data group with the highest level, divided by its rms.
+    """Return each law's residual, divided by its rms, for the data group of the highest level.
 
     If no level is known, the group is that with the largest response.
     """
@@ -547,7 +547,7 @@ def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
 
 
 def errors_across_kinds(candidate: Candidate) -> dict[str, float] | None:
-    """Return a law's error on each kind of test predicted by other kinds; None for one kind."""
+    """Return a law's error for each kind of test, predicted from other kinds; None for one kind."""
     fitted = candidate.fitted
     predicted = across_kinds(fitted.fit, fitted.box, fitted.data)
     if predicted is None:
@@ -560,7 +560,7 @@ def errors_across_kinds(candidate: Candidate) -> dict[str, float] | None:
 def held_out_errors(
     tests: Sequence[Test], groups: Mapping[str, xr.Dataset], laws: Sequence[str], seed: int
 ) -> xr.Dataset | None:
-    """Return every law's error on every held-out test, with the extrapolation, or None.
+    """Return each law's error and extrapolation on each held-out test; None without such tests.
 
     Values are NaN if a law cannot predict a test. `groups` are those of `law_groups`.
     """
@@ -597,7 +597,7 @@ def held_out_errors(
 
 
 def errors_apart(errors: xr.Dataset | None, law: str, best: str) -> dict[str, Any]:
-    """Return a law's rms errors on held-out tests within and above the fitted amplitudes."""
+    """Return a law's rms errors on held-out tests, within and above the fitted amplitudes."""
     if errors is None:
         return {"error_held_out": None, "error_beyond": None}
     law_errors = errors["error"].sel(law=law).values

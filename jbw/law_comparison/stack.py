@@ -35,7 +35,7 @@ from jbw.verification.predictive_basis import Basis, basis_attrs, basis_of
 def law_groups(
     tests: Sequence[Test], named: Mapping[str, Candidate], draws: Mapping[str, xr.DataTree]
 ) -> dict[str, xr.Dataset]:
-    """Return every law's posterior with attributes for predictions, by path in the tree."""
+    """Return each law's posterior, with attributes for predictions, by path in the result tree."""
     groups = {}
     for name, candidate in named.items():
         posterior, data = posterior_draws(draws[name]), candidate.fitted.data
@@ -65,7 +65,7 @@ def holds_laws(folder: Path) -> bool:
 
 
 def stack_of(tree: xr.DataTree, record: StoredLaws) -> Basis:
-    """Return the basis of predictions by several laws, best law first, each with its weight."""
+    """Return the inputs of predictions by several weighted laws, best law first."""
     rows, laws = record.laws, tree.children["laws"].children
     (best,) = record.answered("best")
     within = {best: 0.0} | weights_for(rows, WITHIN)
@@ -85,7 +85,7 @@ def _mixture(laws: Mapping[str, xr.DataTree], shares: Mapping[str, float]) -> Ba
 
 
 def basis_of_laws(folder: Path) -> Basis:
-    """Return the basis of predictions from a folder of compared laws, best law first.
+    """Return the inputs of predictions from a folder of compared laws, best law first.
 
     Raises:
         DataError: The folder contains no complete comparison.

@@ -30,7 +30,7 @@ def label_of(drive: str) -> str:
 
 
 class Foretold(KnownReading):
-    """The change of omega_n [rad/s] and zeta that an attached shaker is predicted to cause.
+    """The predicted change of omega_n [rad/s] and zeta that attaching a shaker causes.
 
     Attributes:
         mean: Predicted changes.
@@ -57,7 +57,7 @@ class Foretold(KnownReading):
         *,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        """Build the predicted changes of omega_n [rad/s] and zeta by an identified shaker."""
+        """Build the likelihood term from the predicted changes of omega_n [rad/s] and zeta."""
         groups = read_before(label_of(fed), run, len(OFFSETS))
         read = jnp.asarray(mean)[None]
         return cls(jnp.asarray(std), fed, words, mean=read, groups=groups, laws=laws)
@@ -69,11 +69,11 @@ class Foretold(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 own"], Float[Array, "1 offset own"], float]:
-        """Return the stated changes minus the predicted ones, in standard deviations."""
+        """Return predicted changes minus the model's changes, in standard deviations."""
         return (self.mean - self.predict(theta)) / self.std, self.groups.directions, 0.0
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on the mode with its shaker attached, identified and predicted."""
+        """Return sentences that compare the predicted and the identified mode with its shaker."""
         names = [named(name, self.fed) for name in OFFSETS]
         omega, zeta = (float(theta[name]) for name in names)
         foretold = [float(theta[n] + x) for n, x in zip(OFFSETS, self.mean[0], strict=True)]

@@ -47,15 +47,19 @@ from jbw.quantities import DEFAULT_LAWS, Motion, derivative_order
 
 # half width of a resonance relative to its frequency, until a fit gives the damping
 HALF_WIDTH = 0.01
-FEW = 0.25  # part of the points, those of smallest motion, that gives the starting value of omega_n
-# smallest noise relative to the residual of a fit, in addition to the noise from the amplitude
+# fraction of the points, those of smallest motion, from which omega_n gets its starting value
+FEW = 0.25
+# smallest standard deviation of the noise, relative to that of a fit's residual, in addition to the
+# noise that errors of the amplitude cause
 LEAST_NOISE = 1e-3
-QUARTER = -0.5 * np.pi  # phase of the displacement against the force at phase resonance [rad]
-MOMENTS = 4  # number of averaged deviations: of frequency or phase, force, log Y, phase
+QUARTER = -0.5 * np.pi  # phase of the displacement relative to the force at phase resonance [rad]
+# number of quantities whose deviations between repeats are stored: frequency or phase, force, log
+# Y, phase
+MOMENTS = 4
 
 
 class ControlledGroup(NamedTuple):
-    """A data group of a controlled test: number of the test, and compared quantity."""
+    """A data group of a controlled test: the number of the test, and the compared quantity."""
 
     test: int
     quantity: str  # compared quantity: frequency, phase or force
@@ -249,12 +253,12 @@ class ControlledPoints(Observable):
         return jnp.abs(joint_motion), motion_phase + jnp.angle(joint_motion / moved)
 
     def compared(self, values: Any) -> Float[Array, "group point"]:
-        """Return values divided by their noise profile, less the part correlated with the force."""
+        """Return values / their noise profile, less the part correlated with the force."""
         rows = self._counted * values
         return (rows - self.mixed * rows[self._force_of_test]) / self.scale
 
     def misfit(self, theta: Theta) -> Float[Array, "group point"]:
-        """Return measured minus predicted values divided by their noise profile, phases wrapped."""
+        """Return measured minus predicted values / their noise profile, with wrapped phases."""
         residual = self.mean - self.predict(theta)
         turned = jnp.array([row.quantity == "phase" for row in self.rows])[:, None]
         return self.compared(jnp.where(turned, jnp.angle(jnp.exp(1j * residual)), residual))
@@ -265,12 +269,11 @@ class ControlledPoints(Observable):
 
     @property
     def _force_of_test(self) -> Int[np.ndarray, " group"]:
-        """The number of the data group of force in the same test; the group's own if none."""
         forces = {row.test: i for i, row in enumerate(self.rows) if row.quantity == "force"}
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the noise of every value of a data group, relative to the noise of the group."""
+        """Return the standard deviation of each value of a data group / that of the whole group."""
         where, force = compared(self.groups, group), self._force_of_test[group]
         scale, mixed = (np.asarray(x)[group][where] for x in (self.scale, self.mixed))
         noise = np.asarray(self.groups.noise_std)
@@ -278,14 +281,14 @@ class ControlledPoints(Observable):
         return np.hypot(scale, force_noise)
 
     def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the reference values of relative errors, in their unit; forces are their own."""
+        """Return the values to which relative errors refer; for forces, the measured forces."""
         mean = np.asarray(self.mean)[group][compared(self.groups, group)]
         if self.rows[group].quantity == "force":
             return mean
         return np.full(len(mean), np.asarray(self.groups.reference)[group])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the data with noise from a fit's residuals, including that of the amplitudes."""
+        """Return the data with noise estimated from residuals, including amplitude noise."""
         rows = np.zeros(self.mean.shape)
         for i, label in enumerate(self.groups.labels):
             rows[i, : len(residuals[label])] = np.real(residuals[label])
@@ -297,7 +300,7 @@ class ControlledPoints(Observable):
         return replace(carried, groups=with_fitted_noise(residuals, groups))
 
     def _carrying(self, theta: Theta, residual: Float[np.ndarray, "group point"]) -> Self:
-        r"""Propagate the noise of amplitude and phase through the model, at a parameter point.
+        r"""Propagate noise of amplitude and phase through the model, linearised at a point.
 
         $$r_i = \epsilon_i + s_i\,\eta_i, \qquad s_i = \partial m_i / \partial \ln Y_i$$
 
@@ -311,7 +314,7 @@ class ControlledPoints(Observable):
         scale, mixed = np.array(self.scale), np.zeros(self.mean.shape)
         within, force = np.asarray(self.groups.within).copy(), self._force_of_test
         variances, noisy = np.ones(scale.shape), np.asarray(self.amplitude_std)
-        # Forces come first, since the other groups need them.
+        # Force groups come first, because the other groups need their result.
         for i in sorted(range(len(self.rows)), key=lambda i: i != force[i]):
             where, test = compared(self.groups, i), self.rows[i].test
             by_amplitude = (noisy[test] * slopes[0][i][where]) ** 2
@@ -338,7 +341,7 @@ class ControlledPoints(Observable):
     def _deviation(
         self, group: int, slopes: Sequence[Float[np.ndarray, " point"]]
     ) -> Float[np.ndarray, "point variable"]:
-        """Return weights that remove noise of amplitude and phase from a repeat's deviations."""
+        """Return weights that remove the effect of amplitude and phase errors from deviations."""
         weights = np.zeros((len(slopes[0]), MOMENTS))
         weights[:, 1 if self.rows[group].quantity == "force" else 0] = 1.0
         weights[:, 2] = -slopes[0]
@@ -352,13 +355,13 @@ class ControlledPoints(Observable):
         weights: Float[np.ndarray, "point variable"],
         scale: Float[np.ndarray, " point"],
     ) -> float:
-        """Return the weighted sum of squared deviations of repeats from their mean, all points."""
+        """Return the weighted sum of squared deviations of repeats from their mean."""
         products = np.asarray(self.moments)[self.rows[group].test]
         squares = np.einsum("pi,pij,pj->p", weights, products, weights)
         return float(np.sum((squares / scale**2)[compared(self.groups, group)]))
 
     def _sizes(self, theta: Theta) -> Float[np.ndarray, " group"]:
-        r"""Return reference values; for frequencies $\zeta_{eq} f = g F f / (2 \omega^2 Y)$."""
+        r"""Return reference values of relative errors; for frequencies $g F f / (2 \omega^2 Y)$."""
         size, gain = np.array(self.groups.reference), abs(float(theta["gain"]))
         for i, row in enumerate(self.rows):
             if row.quantity == "frequency" and self.unit_of_source:
@@ -370,7 +373,7 @@ class ControlledPoints(Observable):
         return size
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what data show without a model: frequency at small motion, measured forces."""
+        """Return estimates without a model: frequency at small motion, and the measured forces."""
         lines = partial(_steady_lines, self)
         y_peak = float(jnp.max(self.amplitude))
         amplitudes = np.asarray(self.amplitude)[[row.test for row in self.rows]]
@@ -400,7 +403,7 @@ def _first_values(data: ControlledPoints) -> dict[str, float]:
 
 
 def _steady_lines(data: ControlledPoints) -> SteadyLines | None:
-    """Return the points with a measured force; unmeasured phases are set to 0 or -pi."""
+    """Return the points with a measured force; replace unmeasured phases by 0 or -pi."""
     if not data.unit_of_source:
         return None
     omega, y, load, phase = _points(data)
@@ -445,7 +448,7 @@ def beside_known(
     course: Float[np.ndarray, " value"],
     known: Float[np.ndarray, " value"],
 ) -> float:
-    r"""Estimate the variance of noise in addition to a known variance, from squared residuals.
+    r"""Estimate the variance of the noise that a known variance does not explain, from residuals.
 
     $$\max_{\sigma^2} -\sum_i \left(\log v_i + \frac{r_i^2}{v_i}\right), \qquad
       v_i = \sigma^2 c_i^2 + \kappa_i^2$$
@@ -503,7 +506,7 @@ def _groups_of(
     scales: Sequence[np.ndarray],
     unit_of_source: str,
 ) -> Groups:
-    """Build data groups from repeats (repeat, point), with each point's deviations scaled."""
+    """Build data groups from repeats, an array (repeat, point); scale each point's deviations."""
     means = [of_repeats.mean(axis=0) for of_repeats in values]
     size = np.array([_size(row, mean) for row, mean in zip(rows, means, strict=True)])
     unit_by_quantity = {"frequency": "Hz", "phase": "rad", "force": unit_of_source}
@@ -541,7 +544,7 @@ def _mean_force(curves: Sequence[ControlledCurve]) -> Float[np.ndarray, " point"
 def _moments(
     curves: Sequence[ControlledCurve], *, is_locked: bool
 ) -> Float[np.ndarray, "point variable variable"]:
-    """Return the products of the repeats' deviations at every point, summed over repeats."""
+    """Return the products of the quantities' deviations at each point, summed over repeats."""
     phase = np.stack([np.nan_to_num(_phase(curve, curves[0])) for curve in curves])
     frequency_or_phase = np.stack([curve.freq_hz for curve in curves]) if is_locked else phase
     force = np.nan_to_num(np.stack([_mean_force([curve]) for curve in curves]))
@@ -552,7 +555,7 @@ def _moments(
 
 
 def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Return the noise profile along the points: the mean force for forces, constant otherwise."""
+    """Return the noise profile over the points: the mean force for forces, else a constant."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 
@@ -564,7 +567,6 @@ def _first_scale(
 
 
 def _size(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> float:
-    """Return the reference value for relative errors of a data group before a fit."""
     if row.quantity == "force":
         return float(np.exp(np.mean(np.log(mean))))
     return HALF_WIDTH * float(np.mean(mean)) if row.quantity == "frequency" else 1.0

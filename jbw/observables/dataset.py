@@ -27,8 +27,8 @@ from jbw.observables.modes import Modes
 from jbw.observables.observable import OFFSETS, Observable, Theta, assemblies_of, numbers_of
 from jbw.observables.observable import unnamed as nameless
 
-# Values, with equal prior probability in the logarithm, of the standard deviation of natural
-# frequencies between records, relative to omega_n.
+# Grid of standard deviations of the natural frequency between records, relative to omega_n. The
+# prior is uniform in their logarithm.
 SCATTERS = np.geomspace(1e-8, 1e-2, 25)
 
 Block = tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]
@@ -36,7 +36,7 @@ Residual = dict[str, Float[Array, " value"]]
 
 
 class Dataset(eqx.Module):
-    """The data of the joint posterior, with fixed parameters, run scatter and stated priors.
+    """The data of the joint posterior, with fixed parameters, variation between runs, and priors.
 
     Attributes:
         parts: The reduced data of each kind of test.
@@ -60,7 +60,7 @@ class Dataset(eqx.Module):
         held: Mapping[str, float] | None = None,
         stated: StatedDensities | None = None,
     ) -> Self:
-        """Build a dataset from parts, without run offsets; parameters in `held` are fixed."""
+        """Build a dataset from its parts, without run offsets; parameters in `held` are fixed."""
         fixed = {name: jax.device_put(np.float64(value)) for name, value in (held or {}).items()}
         nodes, scatter = jax.device_put(np.zeros((1, 0))), jax.device_put(np.zeros(0))
         return cls(tuple(parts), fixed, nodes, scatter, stated or StatedDensities())
@@ -102,7 +102,7 @@ class Dataset(eqx.Module):
 
     @property
     def levels(self) -> Levels:
-        """The run number of each data group and, if assemblies vary, each run's assembly number."""
+        """The run index of each data group and, if assemblies vary, each run's assembly index."""
         assemblies = assemblies_of(tuple(dict.fromkeys(self.runs)))
         if self.scatters.shape[1] == 2 * len(OFFSETS):
             return run_numbers(self.runs), assemblies
@@ -110,7 +110,7 @@ class Dataset(eqx.Module):
 
     @property
     def shared_runs(self) -> tuple[str, ...]:
-        """The names of the runs whose offsets least squares includes, each once."""
+        """The names, each once, of the runs whose offsets are unknowns of least squares."""
         shared = (part.groups.runs for part in self.parts if not part.own_shifts)
         return tuple(dict.fromkeys(run for runs in shared for run in runs))
 
@@ -152,7 +152,7 @@ def solved(
     # one array of rows per part of the dataset
     rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,
 ) -> Solved | None:
-    """Compute a dataset's costly predictions at many points in advance; None if there are none.
+    """Compute a dataset's costly predictions at parameter points in advance; None if impossible.
 
     This combines `Observable.solved` of all parts, each with its own `rows`.
     """
@@ -181,7 +181,7 @@ def solved(
 @seeing(unnamed)
 @solved_first(partial(solved, writes=False))
 def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
-    """Return the log likelihood, eqs. (36), (37): a term per data group, then those of scatter.
+    """Return the log likelihood, eqs. (36), (37): one term per data group, then those of offsets.
 
     The noise of every group and the offsets are integrated out; the result is up to a constant
     [nats]. The last terms are the prior densities that a campaign states, each relative to the
@@ -200,7 +200,7 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
 
 
 def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
-    r"""Return the log density of records' frequency shifts, with their scatter integrated out.
+    r"""Return the log density of records' frequency shifts, integrated over their unknown variance.
 
     It is $\log \int p(s) \prod_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$.
 
@@ -220,7 +220,7 @@ def estimates(theta: Theta, data: Dataset) -> Estimate:
 def estimates_at(
     theta: Mapping[str, Float[np.ndarray, " point"]], data: Dataset, *, lanes: int = LANES
 ) -> Estimate:
-    """Return the estimates of run offsets at many parameter points, along a first axis."""
+    """Return the estimated run offsets at many parameter points; the first axis is the point."""
     return at_points(_estimates, theta, data, lanes=lanes)
 
 
@@ -231,7 +231,7 @@ def _estimates(theta: Theta, data: Dataset) -> Estimate:
 
 
 def residual(theta: Theta, data: Dataset) -> Residual:
-    """Return normalised residuals by label, eqs. (38), (41), (42), at the optimal run offsets.
+    """Return normalised residuals by label, eqs. (38), (41), (42), with optimal run offsets.
 
     Rows `offsets of RUN` are each run's offsets divided by their scatter; rows `prior of NAME` are
     the standard normal scores of stated priors.
@@ -258,7 +258,7 @@ def _weighted(theta: Theta, data: Dataset) -> list[Block]:
 def _offsets_taken_out(
     blocks: Sequence[Block], data: Dataset
 ) -> tuple[list[Float[Array, "_group _value"]], dict[str, Float[Array, " own"]]]:
-    """Return residuals less each run's optimal offsets, and these offsets / their scatter."""
+    """Return residuals without the runs' optimal offsets, and the scaled offsets."""
     rows = [block[0] for block in blocks]
     shared = [i for i, part in enumerate(data.parts) if not part.own_shifts]
     if not (data.has_offsets and shared):
@@ -283,13 +283,13 @@ def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
 def by_label(
     rows: Float[np.ndarray, " values ..."], data: Dataset
 ) -> dict[str, Float[np.ndarray, " value ..."]]:
-    """Split a concatenated array, such as a residual or Jacobian, into its labelled rows."""
+    """Split a residual or Jacobian of all data groups into one array per data group, by label."""
     ends = np.cumsum(list(data.layout.values()))[:-1]
     return dict(zip(data.layout, np.split(np.asarray(rows), ends), strict=True))
 
 
 def halved(data: Dataset) -> Dataset | None:
-    """Return the dataset with twice as many solver steps; None if nothing is integrated in time."""
+    """Return the dataset with half the time step; None if no prediction is integrated in time."""
     # Without a joint law, a step of any length is exact.
     finer = [part.laws and part.substeps for part in data.parts]
     if not any(finer):
@@ -299,7 +299,7 @@ def halved(data: Dataset) -> Dataset | None:
 
 
 def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
-    """Return the dataset with enough memory for all load reversals of the motion at a point."""
+    """Return the dataset with enough memory for all load reversals at a parameter point."""
     everything = as_arrays(theta, data)
     parts = tuple(remembered.remembering(everything, part) for part in data.parts)
     same = all(new is old for new, old in zip(parts, data.parts, strict=True))
@@ -312,7 +312,7 @@ def largest_displacement(data: Dataset, omega_n: float) -> float:
 
 
 def smallest_displacement(data: Dataset, omega_n: float) -> float:
-    """Return the largest displacement [m] of the weakest data group; 0 if unknown.
+    """Return the largest displacement [m] of the data group that moves least; 0 if unknown.
 
     In each kind, the largest displacement belongs to the group with the strongest response and is
     scaled by the sizes of the responses.
@@ -337,7 +337,7 @@ def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndar
 @seeing(unnamed)
 @solved_first(partial(solved, writes=True))
 def _scaled_offsets(theta: Theta, data: Dataset) -> list[Float[Array, " own"]]:
-    """Return each run's optimal offsets divided by their scatter, in the order of the runs."""
+    """Return each run's optimal offsets in standard deviations, in the order of the runs."""
     return list(_offsets_taken_out(_weighted({**data.held, **theta}, data), data)[1].values())
 
 
@@ -356,19 +356,19 @@ def with_directions(
 
 
 def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
-    """Return parameters, including fixed ones, as arrays, so that no value is compiled in."""
+    """Return all parameters, also fixed ones, as arrays, so that programs do not contain values."""
     return {**data.held, **jax.device_put({n: np.asarray(x, float) for n, x in theta.items()})}
 
 
 def residual_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
-    """Return a residual, or a column of its Jacobian, by data group and in the group's unit."""
+    """Return a residual, or a Jacobian's column, by data group and in the unit of its values."""
     labelled = by_label(rows, data)
     rows_by_part = [in_units(labelled, part.groups) for part in measured_parts(data)]
     return {label: row for part_rows in rows_by_part for label, row in part_rows.items()}
 
 
 def measured_parts(data: Dataset) -> list[Observable]:
-    """Return the parts of the dataset that are measured records, without prior estimates."""
+    """Return those parts of the dataset that are records; omit prior estimates."""
     return [part for part in data.parts if not part.groups.is_prior]
 
 
@@ -383,6 +383,6 @@ def size_by_label(data: Dataset) -> dict[str, float]:
 
 
 def error_by_label(residuals: Mapping[str, Row], data: Dataset) -> dict[str, float]:
-    """Return each data group's relative error: the norm of its residual divided by its mean's."""
+    """Return each data group's relative error: norm of its residual / norm of its mean."""
     sizes = size_by_label(data)
     return {label: float(np.linalg.norm(residuals[label])) / size for label, size in sizes.items()}

@@ -83,7 +83,7 @@ class Decays(Envelopes):
         return replace(self, laws=(), solution=solution)
 
     def predict(self, theta: Theta) -> Complex[Array, "record step"]:
-        """Predict each record's envelope at its best-fitting initial state and frequency shift."""
+        """Predict each record's envelope with its optimal initial state and frequency shift."""
         return self.mean - self.matches(theta).residual
 
     def compared(self, values: Any) -> Float[Array, "record value"]:
@@ -91,11 +91,11 @@ class Decays(Envelopes):
         return jnp.pad(super().compared(values), ((0, 0), (0, 1)))
 
     def misfit(self, theta: Theta) -> Float[Array, "record value"]:
-        """Return the residual of each envelope at its best-fitting initial state and shift."""
+        """Return the residual of each envelope with its best-fitting initial state and shift."""
         return self.compared(self.matches(theta).residual)
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Return residuals in standard deviations; the last is the shift divided by its scatter."""
+        """Return residuals in standard deviations; the last one is that of the frequency shift."""
         matches = self.matches(theta)
         residual = self.compared(matches.residual) * weights(self.groups)[:, None]
         shift = matches.entry.shift[:, None] / self.shift_std
@@ -104,7 +104,7 @@ class Decays(Envelopes):
 
     @property
     def _says(self) -> Bool[Array, " record"]:
-        """Whether a record has more independent values than unknowns (initial state and shift)."""
+        """Whether a record has more independent values than unknowns, as a fit needs."""
         return self.groups.num_values > self.groups.num_own
 
     @property
@@ -113,7 +113,7 @@ class Decays(Envelopes):
         return jnp.where(self._says, self.groups.num_values - self.groups.num_own, 1.0)
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        r"""Estimate each record's shift of natural frequency, the first of the run's offsets.
+        r"""Estimate each record's shift of natural frequency, which is the first offset of its run.
 
         $$\log p_i = -\frac{n - 3}{2} \log Q_i - \frac12 \log |A_i| - \log e_i$$
 
@@ -132,12 +132,12 @@ class Decays(Envelopes):
         return Estimate(counted * log_density, matches.entry.shift[:, None] * first, precision)
 
     def shift_errors(self, found: Match) -> Float[Array, " record"]:
-        """Return the standard error of every record's shift of natural frequency [rad/s]."""
+        """Return the standard error of every record's natural-frequency shift [rad/s]."""
         variance = found.misfit / self._degrees
         return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the decays with each record's noise and the scatter of frequencies, from a fit."""
+        """Return the decays with noise and frequency variation of the records, from a fit."""
         matches = matched(theta, self)
         noise = jnp.sqrt(matches.misfit / (self.groups.size - self.groups.num_own))
         errors = float(jnp.sqrt(jnp.mean(self.shift_errors(matches) ** 2)))
@@ -146,7 +146,7 @@ class Decays(Envelopes):
         return replace(self, groups=groups, shift_std=jnp.asarray(scatter))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what records show without a model: frequency, damping, initial amplitude."""
+        """Return model-free estimates of the decays: frequency, damping, initial amplitude."""
         over = omega_n ** derivative_order(self.response)
         begins = (np.abs(np.asarray(self.mean)[:, 0]) / over).tolist()
         curve = partial(amplitude_curve, self)
@@ -159,7 +159,7 @@ class Decays(Envelopes):
         )
 
     def only(self, record: int, size: int) -> Self:
-        """Return one record alone, cut to its first `size` values, with its own noise."""
+        """Return one record as a dataset part, cut to its first `size` values."""
         return replace(self, **self.values_of(record, size))
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
@@ -193,18 +193,18 @@ def first_values(data: Decays) -> dict[str, float]:
 
 
 def amplitude_curve(data: Decays) -> AmplitudeCurve:
-    """Return frequency and damping against amplitude, along every record."""
+    """Return frequency and damping as functions of amplitude, for every record."""
     return curve_of([reading.table() for reading in data.readings() if reading is not None])
 
 
 def counting[Data: Decays](data: Data, fraction: float) -> Data:
-    """Return the decays with a given fraction of their values counted as independent ones."""
+    """Return the decays with a given fraction of their values counted as independent."""
     fractions = dict.fromkeys(data.groups.labels, fraction)
     return replace(data, groups=with_effective_values(fractions, data.groups))
 
 
 def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
-    """Return frequency [rad/s] and damping extrapolated linearly to zero amplitude."""
+    """Return the curve's frequency [rad/s] and damping, extrapolated linearly to zero amplitude."""
     y, omega, zeta = curve[:3]
     most = float(np.abs(zeta.max()))
     least = np.clip(np.polyfit(y, zeta, 1)[1], 0.1 * most, most)
@@ -316,9 +316,9 @@ def begun(
         law_std: Standard deviation tau of the law's frequency error [rad/s].
     """
     best_match = match(decay, envelope, data.step_s)
-    # A short section hardly determines the noise; that of the fitted records is used.
+    # A short section hardly determines the noise: use the noise of the fitted records.
     precision = best_match.precision * data.fraction / noise_std**2
-    # The prior of the shift constrains it if the section is too short.
+    # If the section is too short to determine the shift, its prior does.
     variance = data.shift_std**2 + law_std**2
     both = jnp.linalg.inv(precision.at[2, 2].add(1 / variance))
     total = best_match.entry.shift * (1 - both[2, 2] / variance)
@@ -336,7 +336,7 @@ def begun(
 
 
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
-    """Return the number of values in the time 0.3 / (zeta omega_n), which give initial states."""
+    """Return how many values of a record lie in its first 0.3 / (zeta omega_n) seconds."""
     rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
     half = data.mean.shape[1] // 2
     num_values = BEGINNING / (rate * data.step_s) if rate > 0 else half
@@ -347,7 +347,7 @@ def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
 def predicted_from_beginnings(
     theta: Theta, data: Decays, size: int
 ) -> tuple[Complex[Array, "record step"], tuple[Float[Array, " record"], Float[Array, " record"]]]:
-    """Predict each envelope from its start; return it with errors of log amplitude and shift.
+    """Predict each envelope from its start; also return the errors of log amplitude and shift.
 
     The shift is in rad/s.
     """
@@ -362,7 +362,7 @@ def predicted_from_beginnings(
 
 
 def drift_from_beginning(theta: Theta, data: Decays, run: str) -> LeftOutDecay:
-    """Return the drift of a record from the prediction made from its start.
+    """Return the drift of a record from the prediction that starts from the record's beginning.
 
     Its noise is that of the other records, as for a record that no fit has seen, or the white part
     of its own residual if that is larger.

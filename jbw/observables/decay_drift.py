@@ -15,13 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float
 
-# A value counts if its amplitude exceeds this many standard deviations of noise: its phase is then
-# known to a third of a radian, so that turns can be counted.
+# A value is used if its amplitude exceeds the noise by this factor: its phase is then known to a
+# third of a radian, so that full rotations are counted correctly.
 ABOVE_NOISE = 3.0
 
 
 class Drift(NamedTuple):
-    """The drift of a record from its prediction, as a frequency [rad/s] and a decay rate [1/s]."""
+    """The drift of a record from its prediction, as errors of frequency [rad/s] and rate [1/s]."""
 
     frequency: float
     rate: float
@@ -36,7 +36,7 @@ def drift_of(
     time: Float[np.ndarray, " value"],
     noise_std: float = 0.0,
 ) -> Drift:
-    """Fit the drift of an envelope from its prediction, over time since the middle of its start.
+    """Fit the drift of an envelope from its prediction, after the start of the record.
 
     Values that do not exceed the noise have no weight. The drift is zero if no value exceeds it.
     """
@@ -52,7 +52,7 @@ def drift_of(
 
 
 class LeftOutDecay(NamedTuple):
-    """The drift of one held-out record, with the errors of its initial state and of its noise."""
+    """The drift of a held-out record from its prediction, with standard errors and noise share."""
 
     drift: Drift
     frequency_std: float  # standard error of the drift's frequency [rad/s]
@@ -69,7 +69,7 @@ def left_out_decay(
     noise_std: float,
     fraction: float,
 ) -> LeftOutDecay:
-    r"""Return a held-out record's drift, given errors of log amplitude and frequency [rad/s].
+    r"""Return a held-out record's drift from its prediction, with the standard errors of the drift.
 
     An amplitude error that exists from the beginning acts like a rate over the weighted mean time.
     Noise $\sigma$ of which a share f is independent adds $\sigma / \sqrt{f \sum w t^2}$ to both.

@@ -26,16 +26,19 @@ from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
-NUM_OWN = 3  # number of unknowns of a record besides its noise: amplitude, phase, frequency shift
-# smallest number of values; a decay has five parameters, and three unknowns per record
+# number of unknowns of a record in addition to its noise: amplitude, phase, frequency shift
+NUM_OWN = 3
+# smallest number of envelope values: a decay has five parameters, and each record three unknowns
 LEAST_VALUES = 16
 HEADROOM = 1.02  # start amplitude of the simulated decay, relative to that of the strongest record
-SPARE = 1.3  # duration of the simulation, relative to that which the measured decay rates require
-# smallest decay rate at either end, relative to the mean rate, because noise may hide the true one
+SPARE = 1.3  # duration of the simulation, relative to the one that the measured decay rates require
+# smallest decay rate at the start and at the end of a record, relative to its mean rate, because
+# noise may hide the true rate
 LEAST_RATE = 0.1
 # Longest simulated time before the strongest decay reaches the weakest record, in record lengths.
 MOST_WAIT = 20.0
-LOUD = 0.3  # A record's start is first estimated from values above this share of the largest one.
+# The start of a record is first estimated from values above this fraction of the largest one.
+LOUD = 0.3
 # number of Gauss-Newton steps that find the start of a record on the simulated decay
 NUM_REFINEMENTS = 3
 # Lagrange's cubics through -1, 0, 1 and 2, one per column: coefficients of 1, f, f^2 and f^3.
@@ -124,7 +127,7 @@ class Envelopes(Observable):
 
 
 def _largest_read(test: Test, y_start: float) -> float:
-    """Return the largest displacement [m] with a measured frequency, or else that at the start."""
+    """Return the largest displacement [m] with a measured frequency; `y_start` if there is none."""
     try:
         readings = read_decays(test)
     except DataError:
@@ -133,7 +136,7 @@ def _largest_read(test: Test, y_start: float) -> float:
 
 
 def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Groups:
-    """Return one data group and one run per record; the frequency shift ends each row."""
+    """Return one data group and one run per record; the last value is the frequency shift."""
     count, length = envelope.shape
     names = [f"{test.name} {i + 1}" for i in range(count)]
     return repeated(
@@ -174,7 +177,8 @@ def _course(
             "amplitude on.",
             remedy="Let `settle` begin after the blow, or correct `band`.",
         )
-    # At either end the rate comes from a few values, where noise may hide it completely.
+    # A few values determine the rates at the start and at the end, where noise may hide them
+    # completely.
     first, last = (
         max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), LEAST_RATE * fall / duration)
         for row in (size[strongest, :edge], size[strongest, -edge:])
@@ -216,7 +220,7 @@ class Entry(NamedTuple):
 
 
 class Match(NamedTuple):
-    """A record fitted to the simulated decay, with the sum of squares of its residual.
+    """A record fitted to the simulated decay, with the residual and its sum of squares.
 
     `precision` is the normal matrix of log amplitude, phase and shift, for noise of unit variance;
     `rate` is the change of the log amplitude by the place.
@@ -232,7 +236,7 @@ class Match(NamedTuple):
 def along(
     decay: Complex[Array, " step"], place: Float[Array, " time"]
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Interpolate the logarithm of a decay between steps by cubics; return also its slope."""
+    """Interpolate the logarithm of a decay between time steps; also return its slope."""
     step = jax.lax.stop_gradient(jnp.floor(place))
     f = place - step
     index = step.astype(int)[:, None] + jnp.arange(-1, 3)
@@ -248,7 +252,7 @@ def along(
 def follow(
     decay: Complex[Array, " step"], entry: Entry, steps: Float[Array, " time"], step_s: float
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Return the envelope of a record that follows the simulated decay, and its log slope."""
+    """Return the envelope of a record that repeats part of a simulated decay, and its log slope."""
     log, slope = along(decay, entry.place + steps)
     return jnp.exp(log + 1j * (entry.phase + entry.shift * step_s * steps)), slope
 
@@ -260,7 +264,8 @@ def match(
     steps = jnp.arange(len(envelope), dtype=float)
     entry = jax.lax.stop_gradient(_first_entry(decay, envelope, steps, step_s))
     for _ in range(NUM_REFINEMENTS):
-        # At the optimum earlier steps have no influence: only the last one carries derivatives.
+        # At the optimum, the earlier steps have no influence: derivatives pass only through the
+        # last one.
         entry = jax.lax.stop_gradient(entry)
         _, precision, gradient, rate = _normal(decay, envelope, entry, steps, step_s)
         gain = jnp.linalg.solve(precision, gradient)
@@ -288,7 +293,8 @@ def _first_entry(
     places = jnp.interp(-jnp.log(size), -decay.real, grid) - steps
     place = jnp.average(places, weights=loud**2)
     log, _ = along(decay, place + steps)
-    ratio = envelope * jnp.exp(jnp.conj(log))  # This is the phase that the simulated decay lacks.
+    # This is the phase that the simulated decay needs in addition.
+    ratio = envelope * jnp.exp(jnp.conj(log))
     turn = jnp.angle(jnp.sum(ratio[1:] * jnp.conj(ratio[:-1])))
     phase = jnp.angle(jnp.sum(ratio * jnp.exp(-1j * turn * steps)))
     return Entry(place, phase, turn / step_s)

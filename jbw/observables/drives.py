@@ -39,25 +39,25 @@ def plain(name: str) -> str:
 
 
 def of_drive[Value](theta: Mapping[str, Value], drive: str) -> Mapping[str, Value]:
-    """Return the parameters that hold under a drive, by their names without the drive."""
+    """Return the parameters that apply to a drive, by their names without the drive."""
     drive_theta = {name: theta[named(name, drive)] for name in NAMES if named(name, drive) in theta}
     return {**theta, **drive_theta} if drive_theta else theta
 
 
 def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str, Value]:
-    """Return the parameters that hold under the drive of one part of the dataset."""
+    """Return the parameters that apply to the drive of one part of the dataset."""
     return of_drive(theta, part.drive)
 
 
 def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
-    """Return the drives that parameter names contain, such as voltage in omega_n_voltage."""
+    """Return the drives that occur in parameter names, such as voltage in omega_n_voltage."""
     drives = {part.drive for part in parts if part.drive}
     fed = tuple(drive for drive in FED if drive in drives)
     return fed if drives - set(fed) else fed[1:]
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
-    """Return the dataset parts that use a drive's own parameters ("" for those without a drive)."""
+    """Return the dataset parts with a drive's own parameters; for "", the parts without a drive."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
 
@@ -79,7 +79,7 @@ def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
 
 
 def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
-    """Return which known oscillator parameters the given dataset parts use, in a fixed order.
+    """Return, in a fixed order, which of the known oscillator parameters the dataset parts need.
 
     A drive without its own name there uses the plain one. Parameters of other modes follow.
     """
@@ -91,7 +91,7 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 
 
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return which of omega_n, zeta and gain the tests with one drive determine together.
+    """Return which of omega_n, zeta and gain the dataset parts determine together.
 
     Free motion determines stiffness / mass, a prescribed displacement the stiffness [N/m]:
     together they determine the modal mass, which neither determines alone.
@@ -103,7 +103,7 @@ def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return which of omega_n, zeta and gain only the secant stiffness of a loop determines.
+    """Return which of omega_n, zeta and gain follow only from the secant stiffness of a loop.
 
     These are only starting values: the motion of no part determines them.
     """
@@ -114,7 +114,7 @@ def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) -> dict[str, float]:
-    """Return starting values of omega_n [rad/s], zeta [-] and gain for each drive, if known.
+    """Return starting values of omega_n [rad/s], zeta [-] and gain for each drive that shows them.
 
     They come from the first part of the drive that can give them, else from another drive. A fixed
     gain (in `held`) determines the damping if only steady lines are measured.
@@ -155,7 +155,7 @@ def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
 
 
 def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
-    """Return the steady harmonics of all dataset parts, scaled to a motion of 1 m; None if none."""
+    """Return the steady harmonics of all dataset parts, scaled to a motion of 1 m, or None."""
     lines_by_part = [
         part_lines for part in parts if (part_lines := part.shown().steady_lines()) is not None
     ]
@@ -166,7 +166,7 @@ def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
 
 
 def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> float:
-    r"""Return a starting damping ratio from a known gain and steady harmonics U per metre.
+    r"""Return a starting damping ratio from a known gain and the steady harmonics per metre.
 
     $$\zeta = \min \frac{g\,\mathrm{Im}\,U}{2\,\omega_n\,\omega}$$
 
@@ -179,7 +179,7 @@ def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> f
 
 
 def _with_gain(values: Mapping[str, float], parts: Sequence[Observable]) -> dict[str, float]:
-    r"""Return starting values with the gain that fits steady harmonics U to omega_n and zeta.
+    r"""Return starting values with the gain that fits the steady harmonics to omega_n and zeta.
 
     $$g = \frac{\mathrm{Re} \sum U^* r}{\sum |U|^2}, \qquad
       r = \omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega$$
@@ -197,7 +197,7 @@ def _with_gain(values: Mapping[str, float], parts: Sequence[Observable]) -> dict
 
 
 def _through(lines: SteadyLines | None) -> dict[str, float]:
-    """Fit an oscillator to spectral lines; return {} if there are too few."""
+    """Fit an oscillator to spectral lines; return an empty dictionary if they are too few."""
     if lines is None:
         return {}
     moving = len(np.unique(lines.omega[lines.omega > 0]))

@@ -12,11 +12,11 @@ from scipy.ndimage import uniform_filter1d
 COLOURED = 0.2  # Lag-one correlation of residuals above which intervals are clearly too narrow.
 # A correlation counts if it exceeds this multiple of its standard error 1 / sqrt(n).
 BEYOND_CHANCE = 3.0
-# part of a mean's variance that is misfit above which it does not average out over repeats
+# If misfit is more than this fraction of a mean's variance, repeats do not average it out.
 MISFIT = 0.5
 # Smallest number of independent values in a data group, needed to integrate out its noise.
 LEAST_VALUES = 8
-# part of the values that counts as independent below which white residuals hardly fall by chance
+# The counted fraction of the values of a white residual is hardly ever smaller than this.
 BY_CHANCE = 0.5
 MEDIAN_OF_SQUARE = 0.455  # median of the square of a standard normal variable
 SMOOTHED = 5  # number of neighbouring values over which squared residuals are averaged
@@ -25,18 +25,18 @@ Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
 
 def correlation_at_one(row: Row) -> float:
-    """Return the lag-one correlation of a residual (its magnitude for spectral lines)."""
+    """Return the lag-one autocorrelation of a residual; for spectral lines, its magnitude."""
     together = np.vdot(row[:-1], row[1:]) / np.real(np.vdot(row, row))
     return float(np.abs(together) if np.iscomplexobj(row) else np.real(together))
 
 
 def coloured_from(row: Row) -> float:
-    """Return the lag-one correlation that a white residual hardly exceeds by chance."""
+    """Return the lag-one autocorrelation that a white residual hardly ever exceeds."""
     return max(COLOURED, BEYOND_CHANCE / np.sqrt(len(row)))
 
 
 def is_coloured(row: Row) -> bool:
-    """Return whether a residual, if long enough, has a lag-one correlation above the limit."""
+    """Return whether a sufficiently long residual has a lag-one autocorrelation above the limit."""
     return len(row) >= 2 * LEAST_VALUES and abs(correlation_at_one(row)) > coloured_from(row)
 
 
@@ -78,7 +78,6 @@ def effective_fraction(
 
 
 def _overlap(row: Row, along: Float[np.ndarray, "i n"] | Complex[np.ndarray, "i n"]) -> float:
-    """Return a residual's mean square / that where the prediction is sensitive, at most 1."""
     square = uniform_filter1d(np.abs(row) ** 2, SMOOTHED, mode="wrap")
     moved = np.sum(np.abs(along) ** 2, axis=0)
     return min(float(moved.sum() * square.mean() / np.sum(moved * square)), 1.0)

@@ -13,14 +13,14 @@ Form = tuple[float, str, int, int, str, *tuple[float, ...]]
 
 
 def first_alike(sources: Float[np.ndarray, "level time"]) -> Iterator[int]:
-    """Yield for each row the number of the first row that is equal to it."""
+    """Yield, for each row, the index of the first row that equals it."""
     seen: dict[bytes, int] = {}
     for i, source in enumerate(sources):
         yield seen.setdefault(source.tobytes(), i)
 
 
 def form_of(test: Test) -> Form:
-    """Return a test's properties for grouping: rate, response, length, start, residuals, band."""
+    """Return the properties by which tests are grouped, such as sampling rate and length."""
     record = test.records[0]
     skipped = round(test.settle * record.fs)
     band = test.band_hz or ()

@@ -11,7 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Inexact
 
-SPANS = 1e-10  # Smaller singular values, of columns of norm one, are rounding.
+SPANS = 1e-10  # Smaller singular values, of columns scaled to norm one, are rounding errors.
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 Rows = Mapping[str, Row]  # rows of residuals by the label of their data group
@@ -19,12 +19,12 @@ Covariance = Float[np.ndarray, "parameter parameter"]
 
 
 def concrete(values: Any) -> Any:
-    """Return values as a NumPy array unless JAX traces them; this compiles nothing."""
+    """Return values as a NumPy array, without compiling anything, unless JAX traces them."""
     return values if isinstance(values, Tracer) else np.asarray(values)
 
 
 class SingleRecords(NamedTuple):
-    """The single records of every data group, padded with zeros to equal numbers.
+    """The individual records of every data group, padded with zeros to equal numbers.
 
     Attributes:
         mean: Mean of the repeats of each record, in the form of `Observable.mean`.
@@ -89,24 +89,24 @@ class Groups(eqx.Module):
 
     @property
     def num_taken(self) -> Float[Array, " group"]:
-        """The number of constants of each data group; each uses up one value of the group."""
+        """The number of fitted constants of each data group; each takes a degree of freedom."""
         rows = concrete(self.spanned)
         xp: Any = np if isinstance(rows, np.ndarray) else jnp
         return xp.round(xp.sum(rows**2, axis=(1, 2)))
 
     @property
     def num_counted(self) -> Float[Array, " group"]:
-        """The number of values in all repeats of a data group, less that of fitted constants."""
+        """The number of values of a data group, over all repeats, minus its fitted constants."""
         return concrete(self.size) * concrete(self.num_repeats) - self.num_taken
 
     @property
     def unit(self) -> str:
-        """The unit of the values; empty if data groups differ."""
+        """The unit of the values; empty if it differs between data groups."""
         return self.units[0] if len(set(self.units)) == 1 else ""
 
     @property
     def width(self) -> int:
-        """The length of a data group's row, including padding."""
+        """The length of the rows of data groups, including padding."""
         return self.directions.shape[-1]
 
 
@@ -155,7 +155,7 @@ def repeated(
     own_directions = (
         np.zeros((len(labels), 0, longest)) if spanned is None else _orthonormal(spanned)
     )
-    # Each constant that belongs to one data group uses up one value.
+    # Each constant of a data group takes one degree of freedom.
     num_taken = np.round(np.sum(own_directions**2, axis=(1, 2)))
     arrays = {
         "within": within,
@@ -192,14 +192,14 @@ def _single(
 
 
 def read_before(label: str, run: str, size: int, num_repeats: int = 1) -> Groups:
-    """Return a table of one data group, whose covariance is known before any fit."""
+    """Return a table with one data group, whose covariance is known before any fit."""
     values, sizes = [np.zeros((num_repeats, size))], np.array([float(size)])
     groups = repeated(values, sizes, (label,), (run,), is_prior=True)
     return changed(groups, noise_std=np.ones(1))
 
 
 def single_records(mean: Inexact[np.ndarray, "group value"], groups: Groups) -> SingleRecords:
-    """Return the records of every data group one by one, from the stored single records."""
+    """Return the individual records of every data group; the means if none are stored."""
     if groups.single is not None:
         return groups.single
     counts = (np.asarray(x)[:, None] for x in (groups.num_repeats, groups.within))
@@ -214,7 +214,7 @@ def changed(groups: Groups, **columns: Any) -> Groups:
 
 
 def weights(groups: Groups) -> Float[Array, " group"]:
-    r"""Return the inverse standard error of a mean, $\sqrt{n / N} / \sigma$; n = N K if white."""
+    r"""Return means' inverse standard errors, $\sqrt{n / N} / \sigma$; n = N K for white noise."""
     size, repeats, counted, noise_std = map(
         concrete, (groups.size, groups.num_repeats, groups.num_values, groups.noise_std)
     )
@@ -224,7 +224,7 @@ def weights(groups: Groups) -> Float[Array, " group"]:
 def beside_own(
     rows: Float[Array, "group *own value"], groups: Groups
 ) -> Float[Array, "group *own value"]:
-    """Subtract from rows their projection on the columns of each data group's own constants."""
+    """Subtract from rows their projection on each data group's own constants."""
     columns = groups.spanned
     if not columns.shape[1]:
         return rows
@@ -233,20 +233,20 @@ def beside_own(
 
 
 def with_slope(groups: Groups, slope: Float[Any, "group value own"]) -> Groups:
-    """Return the table with each prediction's derivatives with respect to its run's offsets."""
+    """Return the table with the derivatives of predictions with respect to run offsets."""
     xp: Any = np if isinstance(slope, np.ndarray) else jnp
     return changed(groups, directions=beside_own(xp.moveaxis(slope, -1, 1), groups))
 
 
 def compared(groups: Groups, group: int) -> slice | Bool[np.ndarray, " value"]:
-    """Return which values of a data group's row are compared; for complex values, of the pairs."""
+    """Return which values of a data group's row are compared; a complex value counts as one."""
     if groups.counted is not None:
         return np.asarray(groups.counted)[group] > 0
     return slice(int(np.asarray(groups.size)[group]) // (2 if groups.is_complex else 1))
 
 
 def in_units(rows: Mapping[str, Float[np.ndarray, " value"]], groups: Groups) -> dict[str, Row]:
-    """Return weighted residuals in the unit of the values, complex where the values are."""
+    """Convert weighted residuals to the unit of the values, and to complex numbers where needed."""
     weight, labelled = np.asarray(weights(groups)), {}
     for i, label in enumerate(groups.labels):
         row: Row = np.asarray(rows[label]) / weight[i]
@@ -258,7 +258,7 @@ def in_units(rows: Mapping[str, Float[np.ndarray, " value"]], groups: Groups) ->
 
 
 def sizes(mean: Inexact[Any, "group value"], groups: Groups) -> Float[np.ndarray, " group"]:
-    """Return the norm of each data group's mean, or of its reference for relative errors."""
+    """Return the norm of each data group's mean, or of the reference value of its errors."""
     if groups.reference is None:
         return np.linalg.norm(np.asarray(mean), axis=1)
     return np.asarray(groups.reference) * np.sqrt(np.asarray(groups.size))
@@ -273,7 +273,7 @@ def with_fitted_noise(residuals: Rows, groups: Groups) -> Groups:
 
 
 def with_effective_values(fractions: Mapping[str, float], groups: Groups) -> Groups:
-    """Return data groups with a given number of independent values; all values by default."""
+    """Return data groups with given numbers of independent values; by default, all count."""
     fraction = np.array([fractions.get(label, 1.0) for label in groups.labels])
     return changed(groups, num_values=fraction * np.asarray(groups.num_counted))
 
@@ -287,7 +287,7 @@ def fractions_counted(groups: Groups) -> dict[str, float]:
 def _orthonormal(
     columns: Float[np.ndarray, "group column value"],
 ) -> Float[np.ndarray, "group column value"]:
-    """Return orthonormal rows that span the columns, with zero rows for dependent columns."""
+    """Return orthonormal rows that span the columns; rows of dependent columns are zero."""
     size = np.linalg.norm(columns, axis=-1, keepdims=True)
     _, weight, rows = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
     return rows * (weight > SPANS)[..., None]

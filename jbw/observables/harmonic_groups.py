@@ -16,18 +16,18 @@ from jbw.quantities import UNIT_OF, derivative_order, per
 
 # number of odd harmonics in the harmonic balance; neglected ones are below 1e-6 of the first
 NUM_HARMONICS = 4
-# orders that are compared; other measured orders only give starting values of the harmonic balance
+# orders of harmonics that are compared; other orders only give starting values
 ORDERS = (1, 3)
 HIGHEST = 2 * NUM_HARMONICS - 1
-# A harmonic is used if its frequency is below this part of the sampling frequency.
+# A harmonic is used if its frequency is below this fraction of the sampling frequency.
 BELOW_NYQUIST = 0.499
-NO_AMPLITUDE = 1e-9  # amplitude of a source, in its unit, that stands for nearly zero
-# A response counts as controlled if it varies less along a curve, relative to the source.
+NO_AMPLITUDE = 1e-9  # amplitude that replaces zero, in the unit of the source
+# A controller held the response if it varies by less than this fraction of the source's variation.
 CONTROLLED = 1 / 3
 
 
 class MeasuredHarmonic(NamedTuple):
-    """One measured harmonic of one test, before it joins a data group.
+    """One measured harmonic of one test, from which a data group is formed.
 
     Attributes:
         omega: Frequencies [rad/s].
@@ -57,7 +57,7 @@ class MeasuredHarmonic(NamedTuple):
 
 
 def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
-    """Return the data groups of steady tests (tone, stepped sine, FRF) that show their noise."""
+    """Return the data groups of steady tests (tone, stepped sine, FRF) whose noise is known."""
     single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
     groups = tone_groups(single)
     for test in tests:
@@ -94,7 +94,7 @@ def tone_groups(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
 
 
 def family_of(test: Test) -> str:
-    """Return the common name of single-tone tests of one level; "" for other tests."""
+    """Return the common name of a level's single-tone tests; an empty text for other tests."""
     return f"tones {test.level:g}" if test.is_single_tone else ""
 
 
@@ -104,7 +104,7 @@ def harmonic_label(name: str, order: int) -> str:
 
 
 def stepped_groups(test: Test) -> list[MeasuredHarmonic]:
-    """Return the harmonics at each frequency of a stepped sine, without its transients."""
+    """Return the harmonics at each frequency of a stepped sine; omit its transients."""
     needed = len(test.tones_hz) * test.dwell
     for record in test.records:
         if record.num_samples / record.fs < needed - 0.5 / record.fs:
@@ -178,7 +178,7 @@ def _span(fs: float, start: float, stop: float) -> slice:
 
 
 def curve_group(test: Test) -> MeasuredHarmonic:
-    """Return the fundamental of a response curve; of its force if the response was controlled."""
+    """Return a response curve's fundamental; its force's fundamental if the response was held."""
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
         raise DataError(
@@ -186,13 +186,13 @@ def curve_group(test: Test) -> MeasuredHarmonic:
             remedy="Make a separate test of each.",
         )
     omega = 2 * np.pi * curves[0].freq_hz
-    # An FRF has no amplitude: it is compared with the fully stuck joint, at nearly zero amplitude.
+    # An FRF has no amplitude: it is compared with the linear structure, at an amplitude near zero.
     size = NO_AMPLITUDE if curves[0].is_ratio else 1.0
     source = size * np.array([curve.source for curve in curves])
     motion = size * np.array([displacement_of(curve) for curve in curves])
     held = response_held(curves[0]) and not curves[0].is_ratio
     if held:
-        # Phases refer to the motion, which is exact here; their noise is that of the force.
+        # Phases refer to the motion, whose phase is exact by definition; all noise is in the force.
         factor = np.ones(len(omega), complex)
         values = source = source * np.exp(-1j * np.angle(motion))
         motion = np.abs(motion)

@@ -31,9 +31,9 @@ from jbw.quantities import DEFAULT_LAWS
 # largest amplitude of random motion, divided by its rms; higher ones have a probability of 1e-8
 MOST = 6.0
 NUM_NODES = 24
-# Amplitude, divided by the rms, below which 99 % of the peaks of narrow-band noise stay.
+# Amplitude / rms that 99 % of the peaks of narrow-band noise do not exceed.
 LARGEST = float(np.sqrt(-2 * np.log(0.01)))
-MARGIN = 0.05  # sd of neglected effects, relative to the change by the joint
+MARGIN = 0.05  # standard deviation of neglected effects, relative to the effect of the joint
 READ = ("omega_n", "zeta", "gain")
 # smallest number of spectral lines for an oscillator: three unknowns, two numbers per line
 LEAST_LINES = 2
@@ -42,7 +42,7 @@ JUMP = 0.5
 
 
 class LineReading(KnownReading):
-    """The result of Step 2 at rms motion `y_rms` [m]: omega_n [rad/s], zeta [-] and gain.
+    """A line fit's omega_n [rad/s], zeta [-] and gain at rms motion `y_rms` [m].
 
     The covariance is that of these readings; the gain is in N/kg per unit of the input. `solution`
     contains precomputed predictions at the requested points; None if there are none.
@@ -64,7 +64,7 @@ class LineReading(KnownReading):
         *,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        """Build the likelihood term from Step 2's omega_n, zeta and gain at rms motion [m]."""
+        """Build the likelihood term from a line fit's omega_n, zeta and gain at rms motion [m]."""
         arrays = np.asarray(mean)[None], np.asarray(covariance), float(y_rms)
         read, spread, rms = jax.device_put(arrays)
         # The noise is known in advance, as for data with repeats.
@@ -72,7 +72,7 @@ class LineReading(KnownReading):
         return cls(spread, rms, mean=read, groups=groups, laws=laws)
 
     def predict(self, theta: Theta) -> Float[Array, "1 read"]:
-        """Predict Step 2's omega_n [rad/s], zeta, gain by Eqs. (23), (39), amplitude averaged."""
+        """Predict a line fit's omega_n [rad/s], zeta and gain by Eqs. (23), (39) of the paper."""
         if self.solution is not None:
             return self.solution
         equivalent = _equivalent(oscillator_of(theta, self.laws), self.y_rms)
@@ -86,7 +86,7 @@ class LineReading(KnownReading):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return the likelihood term with its predictions precomputed at many parameter points.
+        """Return this likelihood term, with predictions computed in advance at parameter points.
 
         One program serves all datasets. None is returned for several modes, and for laws that the
         exact step does not support.
@@ -102,15 +102,15 @@ class LineReading(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 read"], Float[Array, "1 own read"], Float[Array, ""]]:
-        """Return residual and derivatives in standard deviations, and a term of the log density.
+        """Return residuals and derivatives in standard deviations, and the log density's constant.
 
         The term is minus the logarithm of the product of the standard deviations.
         """
         predicted = self.predict(theta)
         linear = jnp.stack([theta[name] for name in READ])
-        # Add the covariance of effects that the average over amplitudes neglects.
+        # Add the variance of effects that averaging over the amplitude neglects.
         margin = jnp.diag((MARGIN * (predicted[0] - linear)) ** 2)
-        # If the estimate is held out, almost none of its values count.
+        # If the estimate is held out, its effective number of values is almost zero.
         counted = self.groups.num_values[0] / self.groups.num_counted[0]
         scale = self.groups.noise_std[0] ** 2 / counted
         root = jnp.linalg.cholesky(scale * self.covariance + margin)
@@ -119,7 +119,7 @@ class LineReading(KnownReading):
         return whitened[None, :, 0], whitened[:, 1:].T[None], -jnp.sum(jnp.log(jnp.diag(root)))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return Step 2's estimates, and the amplitude [m] that 99 % of the peaks stay below."""
+        """Return the line fit's estimates, and the amplitude [m] that 1 % of the peaks exceed."""
         values = {name: float(x) for name, x in zip(READ, np.asarray(self.mean)[0], strict=True)}
         gain_std = float(np.sqrt(np.asarray(self.covariance)[2, 2]))
         return Shown(lambda: values, gain_std=gain_std, y_peak=float(LARGEST * self.y_rms))
@@ -150,7 +150,7 @@ def _equivalents(
 def at_quadrature(
     omega: NDArray[np.float64], u: NDArray[np.complex128], y: NDArray[np.complex128], gain: float
 ) -> tuple[float, float, float] | None:
-    r"""Return amplitude [m], frequency [rad/s] and damping where the motion lags by 90 degrees.
+    r"""Return amplitude [m], frequency [rad/s] and damping where the response lags by 90 degrees.
 
     $$\arg (Y/U) = -\tfrac{\pi}{2}: \qquad \omega = \omega(|Y|), \qquad
       \zeta(|Y|) = \frac{g\,|U|}{2 \omega^2 |Y|}$$

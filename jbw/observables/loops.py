@@ -19,11 +19,11 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
 LONG = 8192  # number of samples above which neighbouring samples are averaged
-# If the stiffest cycle is this many times as stiff as the whole loop, its stiffness is used.
+# If the stiffest cycle is more than this many times as stiff as the whole loop, use its stiffness.
 SOFTER = 2.0
 SEEN = 0.1  # smallest force of a cycle, relative to the largest force; a smaller one may be noise
-# largest step between averages, relative to the largest displacement: about a thousand values per
-# cycle
+# largest step between averaged samples, relative to the largest displacement: about a thousand
+# values per cycle
 FINEST = 6e-3
 
 
@@ -108,7 +108,7 @@ class Loops(Observable):
         return jax.vmap(joint.force_along)(self.displacement) / theta["gain"]
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return model-free facts: displacement, and stiffness of the stiffest loop."""
+        """Return model-free estimates: the displacement, and the stiffness of the stiffest loop."""
 
         def lines() -> SteadyLines:
             return SteadyLines(np.zeros(1), np.array([secant(self) + 0j]), np.ones(1, complex))
@@ -145,7 +145,7 @@ def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -
 def zeros_of_load_cells(
     kinds: Sequence[str], counted: Sequence[np.ndarray]
 ) -> Float[np.ndarray, "test 2 time"] | None:
-    """Return columns for offset and drift of load cells; None if tests have no such errors."""
+    """Return the time functions of load cells' offset and drift; None if tests have none."""
     if all(kind == "exact" for kind in kinds):
         return None
     columns = np.zeros((len(kinds), 2, max(map(len, counted))))
@@ -158,7 +158,7 @@ def zeros_of_load_cells(
 
 
 def together(displacement: Float[np.ndarray, " time"]) -> int:
-    r"""Return how many samples to average: those in which a sine moves 6e-3 of its amplitude.
+    r"""Return how many samples to average: as many as a sine takes for 6e-3 of its amplitude.
 
     Only records so long that their samples dominate the cost of a prediction are averaged. The mean
     of so few samples is below a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.

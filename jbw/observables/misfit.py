@@ -42,7 +42,7 @@ def group_residuals(groups: Groups, residuals: Rows) -> list[tuple[float, float,
 def shared_misfit(
     groups: Groups, sizes: Float[np.ndarray, " group"], residuals: Rows
 ) -> Float[np.ndarray, " group"]:
-    r"""Return the mean-square misfit that the law is expected to have in each data group.
+    r"""Return the mean-square model error expected of each data group.
 
     $$\tau_g^2 = \rho^2\,\frac{|\bar d_g|^2}{N_g}, \qquad
       \rho^2 = \frac1G \sum_g \frac{|r_g|^2 - N_g \sigma_g^2 / K_g}{|\bar d_g|^2}$$
@@ -58,7 +58,7 @@ def shared_misfit(
 def independent_fractions(
     groups: Groups, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
 ) -> dict[str, float]:
-    r"""Return the fraction of independent values of each data group that the law fits badly.
+    r"""Return the fraction of independent values of each data group that has a model error.
 
     $$f = \frac{(a + b)^2}{a^2 + 2ab + b^2 / w}\,\frac{m^2 + \sigma^2 + \tau^2}{a + b}, \qquad
       a = \sigma^2, \quad b = K \tau^2$$

@@ -48,11 +48,12 @@ from jbw.report.messages import observed as messages
 # solver steps per period of the highest mode; with fewer, reversals within a step are missed
 STEPS_A_PERIOD = 20.0
 STEP = 1e-6  # step of finite differences, relative to a mode's amplitude; rounding is 1e-10
-# number of Gauss-Newton steps that find a record's initial state, one simulation each, before a
-# last step
+# number of Gauss-Newton steps that find a record's initial state before a last step; each needs one
+# simulation
 NUM_STEPS = 2
 TINY = np.finfo(float).tiny
-SHORTER = 0.25  # part of a Gauss-Newton step that is tried if the whole step increases the residual
+# fraction of a Gauss-Newton step that is tried if the whole step increases the residual
+SHORTER = 0.25
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
 
@@ -64,7 +65,7 @@ class Start(NamedTuple):
 
 
 class Matched(NamedTuple):
-    """A record fitted by least squares; misfit is the sum of squared moduli.
+    """A record fitted by least squares, with the sum of squares of its residual.
 
     `precision` is the normal matrix of the state and the shift, for noise of unit variance.
     """
@@ -142,10 +143,10 @@ class ModalDecays(Decays):
         )
 
     def solved(self, *points: Any, **asked: Any) -> None:
-        """Return None, because decays of several modes have no part that can be precomputed."""
+        """Return None, because nothing can be computed in advance for decays of several modes."""
 
     def matches(self, theta: Theta) -> Any:
-        """Fit the initial state of each record, one after another; fields have a record axis."""
+        """Fit the initial state of each record in turn; stack the results along one axis."""
         structure = structure_of(theta, self.laws)
         records = MatchedEnvelopes(self.mean, self.begun, self.amplitude)
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
@@ -157,19 +158,19 @@ class ModalDecays(Decays):
         return replace(self, **values, num_samples=num_samples)
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
-        """Return the fields of one record, with its initial state and modal amplitudes."""
+        """Return one record's fields, with its initial state and modal amplitudes."""
         record_slice = slice(record, record + 1)
         beginnings = {"begun": self.begun[record_slice], "amplitude": self.amplitude[record_slice]}
         return super().values_of(record, size) | beginnings
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the decays with noise per record, and initial states, from a fit."""
+        """Return the decays with noise and initial state of each record, from a fit."""
         start: Start = matched(theta, self).entry  # pyright: ignore[reportAssignmentType]
         begun = jnp.concatenate([start.state, start.shift[:, None]], axis=1)
         return replace(super().with_fitted_noise(theta, residuals), begun=begun)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what each mode's decay shows without a model; the curve is the first mode's."""
+        """Return model-free estimates of every mode, and the amplitude curve of the first mode."""
         curve = partial(amplitude_curve, self.alone[0])
         peaks = tuple(np.max(np.asarray(self.amplitude), axis=0).tolist())
         values = partial(_first_values, self)
@@ -216,7 +217,7 @@ class MatchedEnvelopes(NamedTuple):
 
 
 def memory_at(structure: Structure, q: Array, v: Array) -> Memories:
-    r"""Return the laws' memories on their steady loops, at the joints' present amplitude.
+    r"""Return the laws' internal states on their steady loops, at the joints' present amplitudes.
 
     $$X = \sum_i |h_i| \sqrt{q_i^2 + (\dot q_i/\omega_i)^2}, \qquad x = \sum_i h_i q_i$$
 
@@ -251,7 +252,7 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
     x, moves, memories = h @ q, h @ v, memory_at(structure, q, v)
 
     def remainder(j: int) -> Array:
-        """Return the force of joint j without its linear part (at its small-motion stiffness)."""
+        """Return the nonlinear part of the force of joint j."""
         pairs = zip(joint_laws(structure)[j], memories[j], strict=True)
         forces = [law.force(x[j], moves[j], memory) - law.stiffness() * x[j]
                   for law, memory in pairs]  # fmt: skip
@@ -265,7 +266,7 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
 def modal_envelopes(
     structure: Structure, own: Float[Array, " own"], data: ModalDecays
 ) -> Complex[Array, "mode step"]:
-    r"""Return each mode's part of a record's envelope, given the record's own unknowns.
+    r"""Return each mode's contribution to a record's envelope, given the record's own unknowns.
 
     Modes other than those of the decays do not ring: they begin at their static position under the
     joints' forces, $q_i = -\sum_j p_{ij} r_j / \omega_i^2$; their motion is counted with the first
@@ -293,7 +294,7 @@ def modal_envelopes(
 
 
 def _turns(length: int, data: ModalDecays) -> Float[Array, "mode step"]:
-    """Return the derivative of each mode's phase with respect to the first mode's shift [s]."""
+    """Return the change of each mode's phase per unit of the first mode's frequency shift [s]."""
     hz = jnp.asarray(data.modes.hz)
     return hz[:, None] / hz[0] * data.step_s * jnp.arange(length)
 
@@ -336,7 +337,7 @@ def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Ma
 
 
 def _units(seen: MatchedEnvelopes, data: ModalDecays) -> Float[Array, " own"]:
-    """Return the scales of a record's unknowns: mode amplitudes, and a radian per its length."""
+    """Return the scales of a record's unknowns: amplitudes, and the shift of 1 rad per record."""
     radian = 1 / (data.step_s * jnp.full(1, len(seen.envelope)))
     return jnp.concatenate([seen.amplitude, seen.amplitude, radian])
 
@@ -346,7 +347,7 @@ def _square(residual: Complex[Array, " step"]) -> Float[Array, ""]:
 
 
 def errors_by_mode(residual: Complex[np.ndarray, "record step"], data: ModalDecays) -> list[float]:
-    """Return the relative residual in the band of each mode, from spectra of the envelopes."""
+    """Return the relative residual near each mode, from the spectra of the envelopes."""
     hz = data.centre_hz + np.fft.fftfreq(residual.shape[1], data.step_s)
     lines, measured_lines = (np.fft.fft(np.asarray(rows)) for rows in (residual, data.mean))
     mode_lines = [lines_within(hz, band) for band in data.bands_hz]

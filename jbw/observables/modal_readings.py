@@ -11,9 +11,10 @@ from scipy.optimize import least_squares
 from jbw.measurement.channels import lines_within
 from jbw.observables.modes import FIRST, Modes, Reals
 
-DRIVEN = 0.1  # Spectral lines above this part of the largest one give starting values.
-FEWEST = 6  # smallest number of spectral lines from which a mode's frequency is taken
-# Part of a mode's search range that lines must span; a harmonic of a shaker's force spans less.
+DRIVEN = 0.1  # Spectral lines above this fraction of the largest one give starting values.
+FEWEST = 6  # smallest number of spectral lines that determine a mode's frequency
+# Fraction of a mode's search range that its lines must cover. A harmonic of a shaker's force covers
+# less.
 SPANNED = 0.5
 # smallest, assumed and largest damping ratio of starting values
 LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2
@@ -28,7 +29,7 @@ class MotionSpectra(NamedTuple):
 
 
 def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, float]:
-    """Return frequency, damping and gains of every driven mode, from the first test that drives it.
+    """Return each driven mode's frequency, damping and gains, from the first test that drives it.
 
     A motion that passes through the mode is preferred. The reading at each point is a gain, not yet
     a ratio. Modes that one motion drives are fitted together, because the flank of one lies under
@@ -57,7 +58,7 @@ def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, floa
 def _near(
     motion: MotionSpectra, windows_hz: Sequence[tuple[float, float]], spanned: float
 ) -> dict[int, Bool[np.ndarray, " line"]]:
-    """Return each mode's driven spectral lines in its search range, if they span enough of it."""
+    """Return each mode's driven spectral lines in its search range, if they cover enough of it."""
     loud, near_modes = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
     for i, window in enumerate(windows_hz):
         near_mode = loud & lines_within(motion.omega / (2 * np.pi), window)
@@ -121,7 +122,7 @@ def lines_of_motions(
     fs: float,
     order: int,
 ) -> list[MotionSpectra]:
-    """Return the spectra of each test, weakest first, from (number, point, source, response).
+    """Return the spectra of each test, weakest first, from (test number, point, source, response).
 
     Responses are derivatives of displacement of this order. A motion that is observed at several
     points appears as several levels.

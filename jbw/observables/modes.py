@@ -30,7 +30,7 @@ LABEL = "modes at the joint"
 SHAPE_STD, COUPLING_STD = 1.5, 2.0
 REACH = 3.0  # prior bounds of these logarithms, in standard deviations
 WITHIN = 0.07  # half width of a mode's search range, relative to its stated frequency
-# A mode's frequency is determined if its gain exceeds this part of the largest gain.
+# The data determine a mode's frequency if its gain exceeds this fraction of the largest gain.
 HARDLY_SEEN = 0.02
 LEAST_ZETA = 1e-4  # smallest starting value of a damping ratio
 CLEAR = 9.0  # smallest difference of chi-square that decides between the signs of a mode's motion
@@ -46,8 +46,9 @@ class Modes(NamedTuple):
     # measured motion of the joint in every mode, divided by that in the first (h_i / h_1)
     joint_shape: tuple[float, ...] = ()
     points: tuple[str, ...] = ()  # names of additional points where responses are measured
-    # Coupling of the modes: "common" by one joint; "apart" not at all, with separate laws; "first"
-    # if only the first mode has the joint; "assembled" by several joints of a reduced model.
+    # How the modes are coupled: "common" by one joint; "apart" not at all, with separate laws;
+    # "first" if only the first mode moves the joint; "assembled" by several joints of a reduced
+    # model.
     meet: str = "common"
     numbers: tuple[tuple[str, float], ...] = ()  # fixed values from the reduced model, by name
     uncertain: bool = False  # whether the joints' motion in the model's modes is uncertain
@@ -59,13 +60,13 @@ class Modes(NamedTuple):
 
     @property
     def seen(self) -> dict[str, tuple[str, ...]]:
-        """The parameter names of each additional point's modal responses, relative to point one."""
+        """The names of each additional point's modal responses, relative to the first point."""
         rows = (names[: len(self.hz)] for names in SEEN)
         return dict(zip(self.points, rows, strict=False))
 
     @property
     def free(self) -> tuple[str, ...]:
-        """The names of unknown quantities of modes at the joint: motions, couplings, or none."""
+        """The names of the unknown modal parameters of the joint: motions and couplings, if any."""
         if self.meet != "common":
             return ()
         shapes = () if self.joint_shape else tuple(names.shape for names in self.names)
@@ -74,7 +75,7 @@ class Modes(NamedTuple):
 
     @property
     def held(self) -> dict[str, float]:
-        """The fixed parameters of the modes: signs, positive at first, and measured motions."""
+        """The fixed modal parameters: measured motions, and signs, which are positive at first."""
         if self.meet != "common":
             return dict(self.numbers)
         signs = {names.sign: 1.0 for names in self.names}
@@ -90,7 +91,7 @@ class Modes(NamedTuple):
 
     @property
     def windows_hz(self) -> list[tuple[float, float]]:
-        """The search range of each mode [Hz], about its stated frequency, without overlap."""
+        """The search range of each mode [Hz] around its stated frequency; ranges do not overlap."""
         windows = []
         for centre in self.hz:
             middles = [0.5 * (centre + other) for other in self.hz if other != centre]
@@ -100,7 +101,7 @@ class Modes(NamedTuple):
 
     @property
     def regions_hz(self) -> list[tuple[float, float]]:
-        """The range of each mode's motion [Hz]: nearer to it than to other modes, and within 50 %.
+        """The range [Hz] assigned to each mode: closer to it than to other modes, and within 50 %.
 
         It is wider than the search window, because a fast sweep has much of a mode's motion outside
         that window.
@@ -125,14 +126,14 @@ def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
 
 
 def gain_shares(modes: Modes, point: str = "") -> Reals:
-    """Return the gain at a point in each driven mode of a reduced model, relative to the first."""
+    """Return a reduced model's gain at a point for each driven mode, relative to the first mode."""
     numbers, driven = dict(modes.numbers), range(1, len(modes.hz) + 1)
     gains = [numbers[numbered(PUSH, i)] * numbers[seen_name(i, point)] for i in driven]
     return np.array(gains) / (numbers[numbered(PUSH, 1)] * numbers[seen_name(1)])
 
 
 def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
-    r"""Return starting values from fits of single modes, for a structure with known shapes.
+    r"""Return starting values from fits of single modes, for a reduced model with known shapes.
 
     $$g = \frac{\sum_{io} w_{io}g_{io}}{\sum_{io} w_{io}^2}, \qquad
       w_{io} = \frac{b_ic_{oi}}{b_1c_{11}}$$
@@ -163,12 +164,13 @@ def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
 
 
 def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> Bounds:
-    """Return bounds of modal parameters about starting values, with joint motions if laws exist."""
+    """Return bounds of modal parameters about starting values; with laws, also of joint motions."""
     bounds: Bounds = {}
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
         bounds[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
-        if names.ratio not in known:  # Nothing drives the modes, or the model gives their gains.
+        # No test drives the modes, or the reduced model gives their gains.
+        if names.ratio not in known:
             continue
         ratio = known[names.ratio]
         reach = 2 * max(abs(ratio), 0.05)
@@ -222,7 +224,7 @@ class ModesAtJoint(KnownReading):
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
-        """Return log motions and couplings in sd, and their log density minus a uniform one's."""
+        """Return log motions and couplings in sd, and log prior density minus a uniform one's."""
         logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
         rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():
@@ -231,7 +233,7 @@ class ModesAtJoint(KnownReading):
         return rows, directions, box - jnp.sum(logs)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return starting values with which each mode moves the joint as much as the first mode."""
+        """Return starting values for which each mode moves the joint as much as the first one."""
         return Shown(lambda: dict.fromkeys(self.modes.free, 1.0) if self.modes else {})
 
     def statements(self, theta: Theta) -> list[str]:

@@ -21,7 +21,7 @@ from jbw.observables.groups import Covariance, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import Observable, Theta, alone
 
-SILENT = 1e-12  # factor on the number of values of a data group that is left out
+SILENT = 1e-12  # factor on the number of values of a data group that the likelihood ignores
 
 Draws = Float[np.ndarray, "chain draw"]
 Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, including fixed ones
@@ -38,7 +38,7 @@ def num_known(data: Dataset) -> dict[str, float]:
 
 
 def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
-    r"""Return the variation between each data group's repeats, or the error of their mean.
+    r"""Return the standard deviation of each data group's repeats, or that of their mean.
 
     The scatter of the mean of K repeats is that of a single one divided by $\sqrt K$.
     """
@@ -52,7 +52,7 @@ def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
 
 
 def evenly(part: Observable) -> Observable | None:
-    """Return data with each group weighted by its rms; None for a prior or free shifts."""
+    """Return data with each group weighted by its rms; None for prior estimates and free decays."""
     groups = part.groups
     if groups.is_prior or part.own_shifts:
         return None
@@ -67,7 +67,7 @@ def evenly(part: Observable) -> Observable | None:
 
 
 def with_discrepancy(residuals: Rows, data: Dataset) -> Dataset:
-    """Return the dataset with the law's expected misfit, an equal share of each response."""
+    """Return the dataset with the expected model error, the same fraction of each response."""
 
     def with_share(part: Observable) -> Observable:
         if part.groups.is_prior or part.own_shifts:
@@ -95,7 +95,7 @@ def effective_fractions(
     data: Dataset,
     expected: Dataset | None = None,
 ) -> dict[str, float]:
-    """Return the fraction of independent values of each data group with a coloured residual.
+    """Return each data group's fraction of independent values, if its residual is correlated.
 
     `rows`, `jacobian` and `covariance` are of a fit to `data`; `expected` has the expected misfit.
     """
@@ -104,7 +104,8 @@ def effective_fractions(
     fractions: dict[str, float] = {}
     for part in measured_parts(expected or data):
         labels = part.groups.labels
-        if part.own_shifts:  # All records of one decay test have residuals of one colour.
+        # The residuals of all records of one decay test have the same spectrum.
+        if part.own_shifts:
             colour = correlated_fraction(np.stack([residuals[label] for label in labels]))
             fractions |= dict.fromkeys(labels, colour)
         else:
@@ -126,7 +127,7 @@ def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Data
 
 
 def silenced(labels: Collection[str], data: Dataset) -> Dataset:
-    """Return the dataset with data groups that the likelihood ignores; array shapes stay equal."""
+    """Return the dataset with data groups that the likelihood ignores, in arrays of equal shape."""
     return with_effective_values(fractions_counted(data) | dict.fromkeys(labels, SILENT), data)
 
 

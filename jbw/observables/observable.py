@@ -39,7 +39,7 @@ Names = Mapping[str, str]  # names of data groups or runs, by their names in com
 
 
 class SteadyLines(NamedTuple):
-    """First harmonics of source and displacement [m] at frequencies [rad/s]; 0 for a slow loop."""
+    """First harmonics of source and displacement [m], by frequency [rad/s]; 0 means a slow loop."""
 
     omega: Float[np.ndarray, " line"]
     load: Complex[np.ndarray, " line"]
@@ -56,7 +56,7 @@ def _no_spectra(residuals: Rows) -> dict[str, Spectrum]:
 
 
 class Shown(NamedTuple):
-    """Facts that data show without a model: starting values, scales of priors, axes of figures.
+    """Model-free estimates from data: starting values, scales of priors, axes of figures.
 
     Facts that are costly, or may fail, are functions without arguments.
 
@@ -156,7 +156,7 @@ class Observable(eqx.Module):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce tests to means and deviations of repeats; tests of equal sampling form one part.
+        """Reduce tests to means and deviations of repeats; tests sampled equally form one part.
 
         `substeps` is the number of solver steps between samples; None for the default.
         """
@@ -167,7 +167,7 @@ class Observable(eqx.Module):
         raise NotImplementedError
 
     def compared(self, values: Any) -> Float[Array, "group value"]:
-        """Return values as real numbers: real parts, then imaginary parts; 0 for missing ones."""
+        """Return values as real numbers: real parts, then imaginary parts, 0 where missing."""
         if self.groups.counted is not None:
             values = self.groups.counted * values
         if not jnp.iscomplexobj(values):
@@ -185,7 +185,7 @@ class Observable(eqx.Module):
         return residual, weight[:, None, None] * self.groups.directions
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """Estimate the run offsets from each data group, with its noise integrated out."""
+        """Estimate the run offsets from each data group; integrate out the group's noise."""
         groups = self.groups
         scatter = groups.within + groups.size * groups.num_repeats * groups.discrepancy
         square, along = self.residual_sums(theta)
@@ -198,7 +198,7 @@ class Observable(eqx.Module):
         rows: Float[Array, "group row value"] | None = None,
         offset: Float[Array, "group own"] | None = None,
     ) -> tuple[Float[Array, " group"], Float[Array, "group row"]]:
-        """Return each group's sum of squared residuals, and its residual's products with `rows`.
+        """Return each group's sum of squared residuals, and scalar products of `rows` and residual.
 
         Args:
             theta: The parameters.
@@ -220,7 +220,7 @@ class Observable(eqx.Module):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Return data with costly predictions computed at many points in advance; None without any.
+        """Return data with costly predictions computed in advance at parameter points, or None.
 
         Args:
             theta: The parameters at points.
@@ -231,21 +231,21 @@ class Observable(eqx.Module):
         return None
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """Return data with the predictions' derivatives with respect to run offsets."""
+        """Return data with the derivatives of predictions with respect to run offsets."""
         none = np.zeros((len(self.groups.labels), len(OFFSETS), self.groups.width))
         if not self.moved_by_runs:
             return replace(self, groups=changed(self.groups, directions=none))
-        # Without derivatives, one compiled program serves all calls.
+        # Leave out old derivatives, so that one compiled program serves all calls.
         bare = replace(self, groups=changed(self.groups, directions=none[:, :0]))
         slope = -slope_by_offsets(alone(bare).misfit, theta)
         return replace(self, groups=with_slope(self.groups, slope))
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return data with each group's noise from a fit's residuals, in the form of `in_units`."""
+        """Return data with each group's noise from a fit's residuals in the unit of the values."""
         return replace(self, groups=with_fitted_noise(residuals, self.groups))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return facts that data show without a model; some need omega_n [rad/s]."""
+        """Return model-free estimates from the data; some of them need omega_n [rad/s]."""
         return Shown()
 
     def statements(self, theta: Theta) -> list[str]:
@@ -254,12 +254,12 @@ class Observable(eqx.Module):
 
 
 class KnownReading(Observable):
-    """Estimates from before the fit with a known covariance, as one data group: a prior density."""
+    """Estimates with a covariance known before the fit, as one data group."""
 
     def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 value"], Float[Array, "1 own value"], Any]:
-        """Return residual and derivatives with respect to run offsets (in sd), and log density.
+        """Return residual, derivatives with respect to run offsets (both in sd), and log density.
 
         The term is that of the values' density [nats].
         """
@@ -277,7 +277,7 @@ class KnownReading(Observable):
 
 
 def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> tuple[Names, Names]:
-    """Return numbers for the names of data groups and runs, in order of first appearance.
+    """Return a number for each name of a data group or run, in order of first appearance.
 
     The number of a run follows that of its assembly.
     """
@@ -310,7 +310,7 @@ def unnamed(data: Any, labels: Names, runs: Names) -> Any:
 
 
 def alone(data: Any) -> Any:
-    """Return one part of the dataset, with numbers in place of names of groups and runs."""
+    """Return one part of the dataset; numbers replace the names of groups and runs."""
     return unnamed(data, *numbers_of(data.groups.labels, data.groups.runs))
 
 
@@ -321,7 +321,7 @@ def prediction(theta: Theta, data: Observable) -> Any:
 
 @eqx.filter_jit
 def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[Array, "*row own"]:
-    """Return a prediction's derivatives with respect to omega_n and zeta of its run (last axis)."""
+    """Return a prediction's derivatives with respect to omega_n and zeta, along a last axis."""
 
     def shifted(offset: Float[Array, " own"]) -> Array:
         shifted_theta = {name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}
@@ -331,7 +331,7 @@ def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[A
 
 
 def assemblies_of(runs: tuple[str, ...]) -> tuple[int, ...]:
-    """Return each run's assembly number; () unless several assemblies have repeated runs."""
+    """Return each run's assembly index; an empty tuple unless several assemblies repeat runs."""
     owners = [run.partition(OF)[0] for run in runs]
     order = list(dict.fromkeys(owners))
     if not 1 < len(order) < len(runs):

@@ -58,9 +58,9 @@ class OfPart(NamedTuple):
     repeat: list[int]
     # log likelihood of each record in the values' unit [nats]
     log_likelihood: Float[np.ndarray, "draw record"]
-    # Log likelihood about the mean of the repeats, without a model.
+    # Log likelihood of each record for a Gaussian about the mean of the repeats, without a model.
     reference: Float[np.ndarray, " record"]
-    # rms of each record, relative to that of its group's mean
+    # rms of each record, divided by the rms of the mean of its group
     observed: Float[np.ndarray, " record"]
     predicted: Float[np.ndarray, "draw record"]
 
@@ -122,7 +122,7 @@ def _solved(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
     threads: int,
 ) -> Solved | None:
-    """Return precomputed residual sums of every dataset part at draws of the parameters."""
+    """Return the residual sums of every dataset part, computed in advance at all draws."""
     key, data, rows = task
     point = {name: values for name, values in theta.items() if name != SEED}
     asked = [None if part_rows is None else part_rows.rows for part_rows in rows]
@@ -135,7 +135,6 @@ def _solved(
 def _seen(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
 ) -> tuple[Key[Array, ""], Dataset, tuple[Any, ...]]:
-    """Return the arguments of a program, with numbers in place of names in the dataset."""
     key, data, rows = task
     return key, unnamed(data), rows
 
@@ -143,7 +142,7 @@ def _seen(
 @seeing(_seen)
 @solved_first(_solved)
 def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
-    """Return the residual sums of each dataset part at one draw, with drawn run offsets."""
+    """Return the residual sums of each dataset part at one draw, with random run offsets."""
     key, data, rows = task
     everything = {**data.held, **{name: x for name, x in theta.items() if name != SEED}}
     sums: dict[str, Any] = {}
@@ -169,7 +168,7 @@ def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -
 
 
 def _known(theta: Theta, part: Observable, offset: Array | None) -> Float[Array, " group"]:
-    """Return the log density of data groups with known covariance, at their run offsets."""
+    """Return the log density of data groups with known covariance, for given offsets of runs."""
     free = part.estimate(theta, 0).log_density
     if offset is None:
         return free
@@ -185,7 +184,7 @@ def _of_part(
     sums: Sequence[Float[np.ndarray, "draw record"]],
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
-    """Return the records of one dataset part, from its residual sums at the draws."""
+    """Return the records of one dataset part, from the residual sums at all posterior draws."""
     groups, group, count = part.groups, records.group, records.num_repeats
     measured, deviation = records.rows[:, 0], records.rows[group, records.place]
     size, discrepancy = (np.asarray(x)[group] for x in (groups.size, groups.discrepancy))
@@ -212,7 +211,7 @@ def _of_part(
     )
     own_norm = np.sum((measured[group] + deviation) ** 2, axis=1)
     observed = np.sqrt(own_norm / norm[group])
-    # Noise acts along the prediction and across it, in N - 1 more directions.
+    # Noise has one component along the prediction, and N - 1 components orthogonal to it.
     model = np.maximum(norm[group] - 2 * along + square, 0.0)
     rng, mean_std = generator(key), std / np.sqrt(count)
     ahead = np.sqrt(model) + mean_std * rng.standard_normal(model.shape)

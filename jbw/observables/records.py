@@ -54,21 +54,21 @@ from jbw.oscillator.residual_sums import Compared, Sums, residual_sums
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 from jbw.report.messages import observed as messages
 
-# Starting values come from spectral lines above this part of the peak.
+# Starting values are fitted to spectral lines above this fraction of the peak.
 NEAR_PEAK = 0.3
-ABSURD = 1e6  # A prediction that exceeds the largest measured value by this factor is invalid.
-# Largest number of rows that are summed in the time loop; with more, storing the response is
-# cheaper.
+ABSURD = 1e6  # A prediction larger than the largest measured value by this factor is invalid.
+# Largest number of rows whose products with the response are summed in the time loop. For more
+# rows, storing the response is cheaper.
 MOST_ROWS = 12
-# Relative steps of finite differences, which change the motion by about a thousandth. The error is
-# of the fourth power of the step, plus 1e-12 of rounding.
+# Relative steps of finite differences, which change the motion by about a thousandth. The
+# truncation error is of fourth order in the step; rounding adds 1e-12.
 DIFFERENCE = {"omega_n": 3e-6, "zeta": 5e-4}
 NUM_POWERS = 6  # number of coefficients of a band-limited input's polynomials
 SUBSTEPS = 2  # smallest default number of solver steps between samples
 
 
 class Solution(eqx.Module):
-    """Precomputed responses and residuals of records, at one parameter point or at many.
+    """Responses and residuals of records, computed in advance at one or many parameter points.
 
     Attributes:
         response: Response of every level from the first compared sample; None if only the sums
@@ -127,7 +127,7 @@ class Records(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce sweeps over time, and multisines by whole periods, in parts of equal sampling."""
+        """Reduce sweeps over time, multisines over periods; tests sampled equally form one part."""
         sweeps = [on_time(test) for test in tests if test.kind != "multisine"]
         steady = [periods(test) for test in tests if test.kind == "multisine"]
         steady = [test for test in steady if test is not None]
@@ -193,16 +193,16 @@ class Records(Observable):
 
     @property
     def periodic(self) -> bool:
-        """Whether each record is one period of a steady motion."""
+        """Whether each record is one period of a steady periodic motion."""
         return self.held.periodic
 
     @property
     def solving(self) -> dict[str, Any]:
-        """The simulation options, in the form that `motion_under` takes."""
+        """The simulation options, as keyword arguments of `motion_under`."""
         return {"laws": self.laws, "substeps": self.substeps, "depth": self.depth}
 
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
-        """Predict the response of each level to its mean input, with its run's offsets."""
+        """Predict the response of each level to its mean input, including the run's offsets."""
         if self.solution is not None and self.solution.response is not None:
             return self.solution.response
         several = any(self.points)
@@ -242,7 +242,8 @@ class Records(Observable):
         It is $d - m(o) - J^T (\theta - o)$ about an origin o.
         """
         predicted = self.predict(theta)
-        # Rounding of a very large motion hides the data, and the band may not show such motion.
+        # A very large motion hides the data by rounding errors, and a band may not show such a
+        # motion.
         hidden = self._hidden(jnp.max(jnp.abs(predicted), axis=1))
         residual = self.compared(self.mean - predicted)
         residual = jnp.where(hidden[:, None], jnp.nan, residual)
@@ -257,7 +258,7 @@ class Records(Observable):
         rows: Float[Array, "level row value"] | None = None,
         offset: Float[Array, "level own"] | None = None,
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        """Return residual sums, which the time loop accumulates unless the response is stored."""
+        """Return residual sums, from the stored response or accumulated in the time loop."""
         groups, solution = self.groups, self.solution
         if solution is not None and solution.response is None:
             if rows is not None and solution.products is not None:
@@ -282,13 +283,12 @@ class Records(Observable):
 
         arrays = self.mean, groups.directions, offset_from_origin, rows
         sums = jax.lax.map(summed, (self.held, groups.origin, arrays))
-        # Rounding of a very large motion hides the data.
+        # A very large motion hides the data by rounding errors.
         return jnp.where(self._hidden(sums.peak), jnp.nan, sums.square), sums.along
 
     def _from_origin(
         self, theta: Theta, offset: Float[Array, "level of_run"] | None
     ) -> Float[Array, "level own"]:
-        """Return omega_n and zeta of each level's run minus those at which it was linearised."""
         away = jnp.zeros((len(self.groups.origin), self.groups.directions.shape[1]))
         if self.groups.origin.shape[1]:
             away = jnp.stack([theta[name] for name in OFFSETS]) - self.groups.origin
@@ -301,7 +301,7 @@ class Records(Observable):
         offset: Float[Array, "level of_run"] | None,
         products: Float[Array, "level row"],
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        r"""Return residual sums from stored products of the response with the given rows.
+        r"""Return residual sums, from stored scalar products of the response with given rows.
 
         $$Q_b = Q - 2 b^T s + b^T J J^T b, \qquad R r_b = R d - R m - R J^T (a + b)$$
 
@@ -327,7 +327,7 @@ class Records(Observable):
         writes: bool,
         rows: Float[np.ndarray, "level row value"] | None = None,
     ) -> Self | None:
-        """Return the records with predictions precomputed at many points; None if impossible.
+        """Return the records with predictions computed in advance at parameter points, or None.
 
         It cannot be used for several modes, residual terms or periodic motion, nor for laws that
         the exact step does not support. The number of solver steps, which no longer matters, is
@@ -363,7 +363,6 @@ class Records(Observable):
         return replace(self, laws=(), substeps=SUBSTEPS, depth=SIZE, solution=solution)
 
     def _from_first(self, rows: Sequence[Any]) -> Float[np.ndarray, "point level compared"]:
-        """Stack the responses of all levels, from the first compared sample on."""
         return np.stack([row[:, self.skipped :] for row in rows], axis=1)
 
     def marched(
@@ -384,7 +383,7 @@ class Records(Observable):
         joints = self._joints_at(theta, number) if joints is None else joints
         if joints is None:
             raise TypeError("Records that are not `solved` are not marched.")
-        measured = None  # In a band, nothing is summed sample by sample.
+        measured = None  # With a band, nothing is summed sample by sample.
         if self.lines is None:
             measured = MeasuredResponse(self.mean, self.groups.directions, self.skipped)
         record = record_of(self.held, number, measured)
@@ -402,14 +401,14 @@ class Records(Observable):
     def _joints_at(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
     ) -> Oscillator | None:
-        """Return oscillators of one level at many points; None if they cannot be batched."""
+        """Return one level's oscillators at parameter points; None if they do not suit a batch."""
         joints = self._joints_of_levels(theta, [number])
         return None if joints is None else joints[0]
 
     def _joints_of_levels(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
     ) -> list[Oscillator] | None:
-        """Return the oscillators of several levels at many points, repeated to fill the batch."""
+        """Return several levels' oscillators at parameter points; repeats fill the batch."""
         if self.periodic or any(self.points):
             return None
         count, origin = len(numbers), np.asarray(self.groups.origin)[list(numbers)]
@@ -427,7 +426,7 @@ class Records(Observable):
         return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
-        """Return which levels have a predicted response absurdly larger than their measured one."""
+        """Return which levels have a predicted response far beyond any measured one."""
         # This is zero for planned levels, which have no measurement.
         size = jnp.max(jnp.abs(self.mean), axis=1)
         return (size > 0) & (peak > ABSURD * size)
@@ -448,7 +447,7 @@ class Records(Observable):
         return self.groups.num_repeats * square + self.groups.within
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """Return each level linearised about its run's omega_n and zeta, where these are known."""
+        """Return each level linearised about its run's omega_n and zeta, if these are known."""
         centre = np.array([float(theta[name]) for name in OFFSETS])
         origin = np.stack([centre + offsets.get(run, 0.0) for run in self.groups.runs])
         placed = replace(self, groups=changed(self.groups, origin=origin))
@@ -507,7 +506,7 @@ class Records(Observable):
 
 
 def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
-    """Return the spectrum of each level, from samples over time or from the lines of a band."""
+    """Return the spectrum of each level, from the samples, or from the lines of a band."""
     order, length, spectra = derivative_order(data.response), data.mean.shape[1], {}
     omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / data.fs)
     for i, label in enumerate(data.groups.labels):
@@ -518,7 +517,7 @@ def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
             )
             continue
         band = slice(*data.lines)
-        # For a band, samples over time are as measured, with noise outside the band.
+        # With a band, the samples over time are the measured ones, with the noise outside the band.
         rate = np.fft.irfft(1j * omega * np.fft.rfft(mean), length)
         late = None if data.periodic else np.arange(length) / data.fs * rate
         rows = (mean, source, 0.0 * mean if late is None else late)
@@ -549,7 +548,7 @@ def _first_values(data: Records) -> dict[str, float]:
 
 
 def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
-    """Compile the solver of swept tests in a separate thread; return None without such tests.
+    """Compile the solver of swept tests in a separate thread; return None if no test is swept.
 
     Everything before the first solve continues meanwhile. Laws with a stack of reversals need one
     program per depth, which is not known yet.
@@ -575,7 +574,7 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
 def _behind(
     rows: Float[np.ndarray, "row value"] | None, skipped: int
 ) -> Float[np.ndarray, "row time"] | None:
-    """Pad rows of compared samples with zeros at the start, so that they cover all samples."""
+    """Pad rows of the compared samples with zeros at the start, to the length of the record."""
     return None if rows is None else np.pad(rows, ((0, 0), (skipped, 0)))
 
 

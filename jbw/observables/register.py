@@ -12,7 +12,8 @@ from jbw.observables.observable import Observable
 from jbw.observables.records import Records
 from jbw.observables.steady import Points
 
-# The order is that of the parts of a dataset. Step 2 adds its own estimates.
+# The order is that of the parts of a dataset. The fit of spectral lines (Step 2 of the paper) adds
+# its estimates itself.
 OBSERVABLES: list[type[Observable]] = [
     Records,
     Points,

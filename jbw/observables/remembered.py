@@ -21,14 +21,12 @@ Records = Any  # records with measured inputs, whose methods call these function
 
 
 def guesses(theta: Mapping[str, Array], data: Observable) -> Float[Array, " level"]:
-    """Return per level how often the memory of load reversals was too short."""
+    """Return how often the laws remembered too few load reversals, for each level."""
     return _guesses(theta, alone(data))
 
 
 @eqx.filter_jit
 def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
-    """Return per level how often the memory of load reversals was too short (compiled)."""
-
     def one(source: HeldInput) -> Array:
         return motion_under(theta, source, data.fs, **data.solving).guesses
 
@@ -36,7 +34,7 @@ def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"
 
 
 def remembering[Data: Observable](theta: Mapping[str, Array], data: Data) -> Data:
-    """Return data whose laws remember enough load reversals for the motion at a parameter point.
+    """Return data whose laws remember all load reversals of the motion at a parameter point.
 
     The memory grows by powers of two from the usual number. Data whose laws have no stack of
     reversals are returned unchanged.

@@ -29,12 +29,13 @@ from jbw.quantities import CONSTANT_TERMS, NEIGHBOURS, derivative_order
 UPPER, LOWER = (quantity.name for quantity in CONSTANT_TERMS)
 MODES = tuple(tuple(quantity.name for quantity in mode) for mode in NEIGHBOURS)
 OF_MODES = tuple(name for mode in MODES for name in mode)
-# Terms that a test may include, by the setting of its campaign.
+# Residual terms that a test may include, by the setting in the campaign.
 TAKEN: Mapping[str, tuple[str, ...]] = {
     "none": (), "own": OF_MODES, "upper": (UPPER, *OF_MODES),
     "both": (UPPER, LOWER, *OF_MODES), "auto": (UPPER, LOWER, *OF_MODES),
 }  # fmt: skip
-# smallest driven spectral line, relative to the largest; below it 1 / omega^2 would amplify noise
+# smallest driven spectral line, relative to the largest; for smaller ones, 1 / omega^2 would
+# amplify noise
 DRIVEN = 0.05
 # bound of any residual term, relative to the mode's static response (at its peak 1 / (2 zeta))
 LARGEST = 30.0
@@ -55,14 +56,14 @@ def has_own(residuals: str, *, several_modes: bool) -> bool:
 
 
 def taken(theta: Mapping[str, Any], residuals: str) -> dict[str, Any]:
-    """Return those residual terms among the parameters that a test includes, by name."""
+    """Return, by name, the residual terms of a test among the parameters."""
     return {name: theta[name] for name in TAKEN[residuals] if name in theta}
 
 
 def receptance(
     terms: Mapping[str, Array], omega: Float[Array, "*batch"]
 ) -> Inexact[Array, "*batch"]:
-    r"""Return the receptance of the residual terms [m per N/kg]; no L at omega = 0."""
+    r"""Return the receptance of the residual terms [m per N/kg]; without term L at omega = 0."""
     squared = jnp.where(omega > 0, omega, jnp.inf) ** 2
     total = terms.get(UPPER, 0.0) + terms.get(LOWER, 0.0) / squared
     for omega_k, zeta, share in ([terms[n] for n in mode] for mode in MODES if mode[0] in terms):
@@ -78,7 +79,7 @@ def added_response(
     response: str,
     periodic: bool,
 ) -> Float[Array, " time"]:
-    """Return the response of the residual terms to a force, within the driven frequencies.
+    """Return the response of the residual terms to a force, at the driven frequencies.
 
     The record is one period, or at rest before and after. A constant force is ignored: it is an
     amplifier's offset, which 1 / omega^2 would turn into a drift.
@@ -95,7 +96,7 @@ def added_response(
 def own_columns(
     force: Float[np.ndarray, "level time"], fs: float, response: str, lines: tuple[int, int] | None
 ) -> Float[np.ndarray, "level 2 value"]:
-    r"""Return columns of each test's own U and L: $F_k (j\omega_k)^o$, and this / $\omega_k^2$.
+    r"""Return a test's responses to unit U and L: $F_k (j\omega_k)^o$, and this / $\omega_k^2$.
 
     For lines these are the real parts, then the imaginary parts; for samples, the signal of the
     driven lines in time.

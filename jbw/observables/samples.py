@@ -81,7 +81,7 @@ def loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
 
 
 def substeps_for(hz: float, fs: float, least: int) -> int:
-    """Return solver steps per sample, a power of two, for 50 steps per period at a frequency."""
+    """Return the number of solver steps per sample, a power of two: about 50 per period."""
     steps = max(STEPS_A_PERIOD * hz / fs, least)
     return 2 ** whole_up(float(np.log2(steps)))
 
@@ -89,7 +89,7 @@ def substeps_for(hz: float, fs: float, least: int) -> int:
 def band_limited(
     source: Float[np.ndarray | Array, "*level time"], *, periodic: bool = False
 ) -> HeldInput:
-    """Return a measured input as a band-limited signal between its samples."""
+    """Interpolate a measured input between its samples as a band-limited signal."""
     return held(source, "band_limited", periodic=periodic)
 
 
@@ -107,7 +107,7 @@ def joints_at(
     residuals: str = "none",
     depth: int | None = None,
 ) -> Oscillator | None:
-    """Return oscillators at many points for `jbw.oscillator.batch`, repeated to fill the batch.
+    """Return oscillators at many parameter points, repeated to fill a batch of the solver.
 
     Their laws remember `depth` reversals. None is returned if theta has several modes or residual
     terms, or if a law needs a stock solver.
@@ -177,7 +177,7 @@ def response_of(
     response: str,
     residuals: str,
 ) -> Float[Array, "*point time"]:
-    """Return a sensor's response in a given motion under an input, with residual terms."""
+    """Return a sensor's response to a given motion under an input, including residual terms."""
     sensed = getattr(motion, LETTER_OF[response])
     if not (terms := taken(theta, residuals)):
         return sensed

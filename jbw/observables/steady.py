@@ -71,7 +71,7 @@ class Points(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce all tests to harmonics; tests with equal residual terms form one part."""
+        """Reduce all tests to harmonics; tests with the same residual terms form one part."""
         parts = []
         for residuals in dict.fromkeys(test.residuals for test in tests):
             groups = groups_of([test for test in tests if test.residuals == residuals])
@@ -86,7 +86,7 @@ class Points(Observable):
         laws: Laws = DEFAULT_LAWS,
         residuals: str = "none",
     ) -> Self:
-        """Combine data groups; those of equal frequency, source and motion share their points."""
+        """Combine data groups; groups of equal frequency, source and motion share their points."""
         tests: dict[bytes, int] = {}
         omega, load, motion, first = [], [], [], []
         for group in groups:
@@ -134,7 +134,7 @@ class Points(Observable):
         num_samples: int,
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
-        r"""Return planned tones with odd harmonics `motion` [m] and their expected noise.
+        r"""Return planned tones of given odd harmonics [m], with their expected noise.
 
         The real and imaginary parts of a harmonic of N samples have the variance $2\sigma^2 / N$
         each.
@@ -163,7 +163,7 @@ class Points(Observable):
         return self.factor * jnp.where(of_force[:, None], forced, moved)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
-        """Return what curves show without a model: an oscillator, harmonics, and frequencies."""
+        """Return model-free estimates: a fitted oscillator, harmonics, and frequencies."""
         return Shown(
             partial(_first_values, self),
             partial(_steady_lines, self),
@@ -192,13 +192,13 @@ def _steady_lines(data: Points) -> SteadyLines:
 
 
 def _first_points(data: Points) -> dict[int, Int[np.ndarray, " point"]]:
-    """Return the points of each data group of first harmonics, by the group's number."""
+    """Return the points of each data group of first harmonics, by index of the group."""
     rows, first = np.asarray(data.point), np.flatnonzero(np.asarray(data.position) == 0)
     return {i: rows[i][compared(data.groups, i)] for i in first.tolist()}
 
 
 def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
-    """Return frequency and damping of each curve, at a held response or at a lag of 90 degrees."""
+    """Return each curve's frequency and damping, at a held response or a lag of 90 degrees."""
     gain, readings = _first_values(data)["gain"], []
     columns = data.omega, data.load[:, 0], data.motion[:, 0]
     for i, points in _first_points(data).items():
@@ -223,7 +223,7 @@ def _spectra(data: Points, residuals: Rows) -> dict[str, Spectrum]:
         point, factor = (np.asarray(x[i])[where] for x in (data.point, data.factor))
         omega, source = (np.asarray(x)[point] for x in (data.omega, data.load))
         values = np.asarray(data.mean[i])[where]
-        # Higher orders of the source are distortion by the amplifier.
+        # Higher harmonics of the source are distortion by the amplifier.
         driven = source[:, 0] * (order == 1)
         spectra[label] = of_lines(values, residuals[label], order * omega, driven, factor)
     return spectra
@@ -234,14 +234,14 @@ def _held(
     load: Complex[np.ndarray, " point"],
     motion: Inexact[np.ndarray, " point"],
 ) -> tuple[float, float, float]:
-    """Fit an oscillator to a controlled response; return its amplitude, frequency and damping."""
+    """Fit an oscillator to a held response; return its amplitude, frequency and damping."""
     read = oscillator_through(omega, load, motion)
     near = np.argmin(np.abs(omega - read["omega_n"]))
     return abs(motion[near]), read["omega_n"], read["zeta"]
 
 
 def _own_columns(groups: Sequence[MeasuredHarmonic]) -> Float[np.ndarray, "group 2 part"]:
-    r"""Return each curve's responses to unit U and L, real parts, then imaginary parts."""
+    r"""Return each curve's responses to unit terms U and L: real parts, then imaginary parts."""
     held = next((group.label for group in groups if group.of_force), None)
     if held is not None:
         raise DataError(
@@ -269,7 +269,7 @@ def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point
 def planned_motion(
     theta: Mapping[str, Array], omega: Any, level: Any, laws: Laws
 ) -> Complex[Array, "*point harmonic"]:
-    """Return the odd harmonics of the displacement [m] under planned tones, not yet measured.
+    """Return the odd harmonics of the displacement [m] that planned tones would cause.
 
     They are NaN where no steady motion was found.
 

@@ -36,20 +36,20 @@ from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_ki
 # A `State` whose fields are arrays over time.
 Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
 Columns = tuple[tuple[Scalar, ...], ...]
-# Number of steps differentiated at once: so the intermediate arrays fit into the cache, and the
-# memory of a gradient does not grow with the record.
+# Number of steps that are differentiated at once: few enough that the intermediate arrays fit into
+# the cache, and that the memory of a gradient does not grow with the record.
 _CHUNK = 128
 Laws = tuple[Any, ...]  # laws that remember load reversals have more methods than `Law`
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
-    """Return the states at the samples, differentiable by the parameters and the initial state."""
+    """Return the states at the samples, differentiable in the parameters and the initial state."""
     return _unpacked(stepping, _states(substeps, substeps, stepping, initial))
 
 
 def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
-    """Return the states after every `every` substeps, as arrays of the time loop."""
+    """Simulate a record; return the state after every `every` substeps, as arrays over time."""
     num_steps = stepping.num_steps
     carried = packed(stepping, initial)
     solution = diffrax.diffeqsolve(
@@ -134,7 +134,8 @@ def in_chunks(
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
     push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
-    # Every step gets a copy of the constants: the transpose then sums over the steps only once.
+    # Every step gets its own copy of the constants, so that the transposed program sums over all
+    # steps once and not in every step.
     step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
 
     @jax.checkpoint
@@ -154,7 +155,7 @@ def in_chunks(
 def _linearised(
     step: ExactStep, start: State, push: Push, step_dot: ExactStep, push_dot: Push
 ) -> tuple[Columns, tuple[Scalar, ...]]:
-    """Return one time step's derivatives: the columns of its Jacobian J_n, and its offset b_n."""
+    """Return the derivatives of one time step: columns of its Jacobian J_n, and its offset b_n."""
     leaves, tree = jax.tree.flatten(start)
 
     def stepped(step, leaves, push):
@@ -237,7 +238,7 @@ def tangent_of_stacks(
 
 
 def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Array, ""]:
-    """Return whether the simulation met a kink of a law in a step."""
+    """Return whether the simulation met a kink of a law in a given step."""
     kinked = meets_kink(step, before, push)
     laws: Laws = step.laws
     for law, a, b in zip(laws, before[2], after[2], strict=True):
@@ -304,7 +305,7 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
 
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """Return a solver that treats the oscillators of a batch in turn, but right-hand sides at once.
+    """Return a solver that takes a batch's oscillators in turn, each with all right-hand sides.
 
     If the oscillators of a batch were solved side by side, the long derivative of a kink would be
     computed in every step of each.
@@ -331,7 +332,7 @@ def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
 def _after(
     step: ExactStep, at: Any, x_dot: Carriers, step_dot: ExactStep, push_dot: Push
 ) -> Carriers:
-    """Compute the derivative of the state after a time step from that before it."""
+    """Compute the derivative of the state after a time step from its derivative before the step."""
     primals, tangents = (step, _split(step.laws, at.starts), at.push), (step_dot, x_dot, push_dot)
 
     def by(kinks: Kinks):

@@ -33,7 +33,7 @@ LANES = 32  # number of oscillators in a batch; a smaller batch takes just as lo
 INTERVALS = 4096  # sample intervals per piece of a record, few enough for the cache
 # A batch fills the processor's widest registers; XLA's own choice is half as wide.
 WIDE = {"xla_cpu_prefer_vector_width": 512}
-# number of rows J on which a residual is projected; missing rows are filled with zeros
+# number of directions on which a residual is projected; missing ones are filled with zeros
 NUM_DIRECTIONS = 2
 
 
@@ -82,7 +82,7 @@ class _Totals(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """One piece of a record, padded with zeros, with rows for its samples and intervals."""
+    """One piece of a record, padded with zeros: rows for its samples, rows for its intervals."""
 
     polynomials: Float[Array, "interval power"]
     samples: Float[Array, " sample"]
@@ -100,7 +100,7 @@ class _Lanes(NamedTuple):
 
 
 class _Span(NamedTuple):
-    """The numbers of steps in a piece of a record; traced, so that new numbers do not recompile."""
+    """The step counts of a piece of a record, traced by JAX so that new counts compile nothing."""
 
     fs: Any  # sampling rate [Hz]
     substeps: Any  # steps between two samples
@@ -226,7 +226,7 @@ def _none() -> _Totals:
 def record_of(
     source: HeldInput, number: int | None = None, measured: MeasuredResponse | None = None
 ) -> MarchedRecord:
-    """Return a record in pieces on the computing device; reuse it while its arrays exist.
+    """Return a record, divided into pieces on the device; cache it as long as its arrays exist.
 
     Args:
         source: The input, which is not periodic; its gain is ignored.

@@ -66,7 +66,7 @@ def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: boo
 
 
 def require_none(joint: Any, function: str) -> None:
-    """Raise if the joint has a restoring force, which the formula of `function` excludes."""
+    """Raise if the joint has a restoring force, which the formula of `function` lacks."""
     if joint.restoring is not None:
         raise ModelError(
             f"Parameter `restoring` must be None for `{function}`, but it is a force of kind "

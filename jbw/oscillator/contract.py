@@ -26,7 +26,8 @@ from jbw.oscillator.steady.waveform import exponentials, synthesis
 from jbw.report.messages import joint as messages
 
 SCALES = Scales(118.0, 0.01, 5e-3)
-# A law is tried at this fraction of its prior range: in the middle of the range a force may vanish.
+# Parameters of a law under trial lie at this fraction of their prior ranges; in the middle of a
+# range, a force may vanish.
 PLACE = 0.6
 # Tolerance relative to the largest value. The grids of the default methods cause errors of 1e-3
 # where a force yields between their points; a method with a wrong factor or sign is far worse.
@@ -41,8 +42,9 @@ POINTS = 256  # samples per period
 STEP = ("branch", "remainder", "bend", "glide", "turn", "shift", "missed", "packed")
 
 _TRIED: dict[type[Law], str | None] = {}
-# Result of one check: name of the method, found value, meaning of the right value, right value, and
-# a size; the tolerance refers to at least a thousandth of that size.
+# Result of one check: name of the method, value it returned, description of the expected value,
+# expected value, and a scale. The tolerance is relative to the expected value, but to no less than
+# a thousandth of this scale.
 Check = tuple[str, Any, str, Any, Any]
 
 
@@ -114,7 +116,6 @@ def _agree(found: Any, right: Any, least: Any) -> bool:
 
 
 def _worst(found: Any, what: str, right: Any) -> tuple[Any, str, Any]:
-    """Return the found and the right number that differ most, with their description between."""
     found, right = np.broadcast_arrays(np.atleast_1d(found), np.atleast_1d(right))
     at = np.unravel_index(np.argmax(np.nan_to_num(np.abs(found - right), nan=np.inf)), found.shape)
     return found[at], what, right[at]

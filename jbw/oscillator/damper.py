@@ -9,7 +9,7 @@ from jbw.oscillator.parameters import Scalar
 
 
 class Damper(Law):
-    """The base class of laws whose force depends on the velocity alone, callable with it."""
+    """The base class of laws whose force g(v) depends on the velocity alone."""
 
     def __call__(self, v: Scalar) -> Scalar:
         """Return the force at the velocity v [N/kg]."""

@@ -55,7 +55,7 @@ class ScaledForce(eqx.Module):
 
 
 def dimensionless(joint: BoucWen, omega: Scalar, amplitude: Scalar) -> Dimensionless:
-    r"""Return a joint under a harmonic force in dimensionless form: four numbers and a frequency.
+    r"""Return a joint under a harmonic force in dimensionless form, with its unit of displacement.
 
     $$\Omega = \omega/\omega_n, \quad \alpha/\omega_n^2, \quad \delta A/\omega_n^2, \quad
       \gamma A/\omega_n^2, \quad f\!\left((A/\omega_n^2)\,q\right)/A, \quad y = (A/\omega_n^2)\, q$$

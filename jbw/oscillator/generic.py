@@ -117,7 +117,7 @@ def move_by_rates(law: Law, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
 def remainder_by_rates(
     law: Law, h: Scalar, y: Scalar, v: Scalar, memory: Memory
 ) -> tuple[Scalar, Scalar]:
-    """Return the force without its linear part, r = F - K y, and its rate times the time step h."""
+    """Return the nonlinear force r = F - K y, and its rate times the time step h."""
     stiffness, rate = law.stiffness(), law.rate(y, v, memory)
     force, rise = jax.jvp(
         lambda y, memory: law.force(y, v, memory),
@@ -142,7 +142,7 @@ def bend_by_rates(
 def turn_by_slopes(
     law: Law, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
 ) -> tuple[Memory, Scalar, Scalar]:
-    """Return the internal state after a turning point, and the effect of its kink on v and y."""
+    """Return the internal state after a reversal, and how the force's kink changes v and y."""
     path = StepPath.through(ends, quartic)
     top = y + path.before
     memory_at_top = law.move(y, memory, path.before)
@@ -154,7 +154,7 @@ def turn_by_slopes(
 def loop_by_moves(
     law: Law, y_peak: Scalar, omega: Scalar
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Return the equivalent stiffness and damping of a loop, by the trapezium rule."""
+    """Return the equivalent stiffness and damping of a loop, by the trapezoidal rule."""
     y_peak = jnp.asarray(y_peak, float)
     at_zero = y_peak == 0.0
     peak, stiffness = jnp.where(at_zero, 1.0, y_peak), law.stiffness()
@@ -196,7 +196,7 @@ def harmonics_by_moves(
 def force_by_moves(
     law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], omega: Scalar
 ) -> Float[Array, " time"]:
-    """Return the steady force in the second period of a motion; the first sets the memory."""
+    """Return the steady force in the second period of a motion; the first one sets the memory."""
     y, v = synthesis(q, theta), omega * synthesis(q, theta, 1)
 
     def onward(carry: tuple, point: tuple) -> tuple[tuple, Array]:

@@ -102,7 +102,8 @@ def quintic(start: Float[Array, "... 3"], end: Float[Array, "... 3"]) -> Float[A
     """
     xp = _namespace(start)
     u, du, ddu = (start[..., i] for i in range(3))
-    # Value, slope and curvature at the end, less those of the parabola of the start.
+    # Value, slope and curvature at the end, minus those of the parabola that starts with the given
+    # values.
     rise = end[..., 0] - (u + du + 0.5 * ddu)
     turn = end[..., 1] - (du + ddu)
     bend = end[..., 2] - ddu

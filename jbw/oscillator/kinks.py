@@ -130,7 +130,7 @@ class StepPath(NamedTuple):
         return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, quartic)
 
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
-        """Return the step fraction at which the path has a displacement, before or after its turn.
+        """Return the fraction of the step where the path reaches `target`, before or after turning.
 
         Newton's iteration takes three steps, from the parabola about the turning point, or from the
         chord if the path does not turn. Only the last step carries the derivative.
@@ -168,7 +168,7 @@ def passage(
 
 
 class KinkImpulse(NamedTuple):
-    """The effect of a kink on v [m/s] and y / h [m/s], with its derivatives."""
+    """The change of v [m/s] and of y / h [m/s] that a force kink causes, with its derivatives."""
 
     v: Scalar
     y: Scalar
@@ -177,7 +177,7 @@ class KinkImpulse(NamedTuple):
 
 
 def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
-    r"""Return the effect of a kink in a step on v and y, which the step's cubics omit.
+    r"""Return how a kink of the force within a step changes v and y, beyond the step's cubics.
 
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains, given as
     h^3 J_2 and h^4 J_3 [m/s],
@@ -205,7 +205,7 @@ def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
 def slope_jump_impulse(
     x: Scalar, jump_1: Scalar, jump_2: Scalar, jump_3: Scalar = 0.0
 ) -> tuple[Scalar, Scalar]:
-    r"""Return the effect of a jump in the force's slope, as at the onset of slip, on v and y.
+    r"""Return how a jump in the force's slope, as at the onset of slip, changes v and y.
 
     The jumps are given as h J_1, h^2 J_2 and h^3 J_3 [N/kg]; the impulses are those on v over h and
     on y over h^2 [m/s^2]:
@@ -222,7 +222,7 @@ def slope_jump_impulse(
 
 
 def cusp_impulse(start: tuple[Scalar, ...], end: tuple[Scalar, ...]) -> tuple[Scalar, Scalar]:
-    r"""Return the effect of a power-law kink of the force's rate on v and y.
+    r"""Return how a power-law kink in the rate of the force changes v and y.
 
     F_0 = r' and its first three integrals from the kink are given at both ends of the step, for
     steps of length one. The impulses are those on v over h and on y over h^2 [m/s^2]:

@@ -32,8 +32,8 @@ from jbw.oscillator.parameters import Threshold as Threshold
 from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import Quantity
 
-Branch = Any  # tree of the quantities that are constant between two kinks
-Memory = Any  # tree of internal states: z of Bouc-Wen, forces of sliders, () for a spring
+Branch = Any  # pytree of the quantities that are constant between two kinks of the force
+Memory = Any  # pytree of internal states: z of Bouc-Wen, forces of sliders, () for a spring
 
 
 class Law(eqx.Module):
@@ -74,7 +74,7 @@ class Law(eqx.Module):
     # -- of the class of law -----------------------------------------------------------------------
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """Return the names of the law's parameters."""
+        """Return the names of the parameters of the law class."""
         return tuple(quantity.name for quantity in cls.table)
 
     @classmethod
@@ -96,7 +96,7 @@ class Law(eqx.Module):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return wide prior bounds of the parameters from scales alone, not from a fit."""
+        """Return wide prior bounds of the parameters from scales of the motion, not from a fit."""
         raise ConfigError(
             f"The law `{cls.name}` must have a `prior` to be identified, but has none.",
             remedy="Define `prior(scales)`, bounds of every parameter of its `table`.",
@@ -126,14 +126,14 @@ class Law(eqx.Module):
         return generic.slope(self, jnp.zeros(()), rest, jnp.ones(()))
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the internal state after a monotone move from y to y + dy, by Runge-Kutta steps.
+        """Return the internal state after a monotone motion from y to y + dy (Runge-Kutta steps).
 
         The rate must be proportional to v.
         """
         return generic.move_by_rates(self, y, memory, dy)
 
     def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the internal state after one of the many short moves along a record.
+        """Return the internal state after one of the many short displacements along a record.
 
         This is `move`, unless a law has a cheaper method than its exact move.
         """
@@ -165,7 +165,7 @@ class Law(eqx.Module):
         return Loop(*generic.loop_by_moves(self, y_peak, omega))
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return each parameter's power of length beyond that of its unit, by name.
+        """Return, by parameter, the power of length to add to that of the parameter's unit.
 
         Such powers belong to values stated at a fixed displacement: a stiffness loss at 1 mm that
         grows with the power q of the displacement scales with the power -q of the unit of length.
@@ -184,13 +184,13 @@ class Law(eqx.Module):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Memory, branch: Branch
     ) -> tuple[Scalar, Scalar]:
-        """Return the force without its linear part, r = F - K y [N/kg], and its rate times h."""
+        """Return the nonlinear force r = F - K y [N/kg], and its rate times the time step h."""
         return generic.remainder_by_rates(self, h, y, v, memory)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Memory, branch: Branch
     ) -> Scalar:
-        """Return h^2/2 times the second time derivative of r = F - K y, away from kinks."""
+        """Return h^2/2 times the second time derivative of F - K y between kinks, for a step h."""
         return generic.bend_by_rates(self, h, (y, v, memory), a, branch)
 
     def glide(
@@ -204,7 +204,7 @@ class Law(eqx.Module):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Return the internal state after a step that may turn, and the effect of kinks on v and y.
+        """Return the internal state after a step that may reverse, and how kinks change v and y.
 
         Args:
             h: Length of the step [s].
@@ -224,7 +224,7 @@ class Law(eqx.Module):
 
     # -- along a periodic motion -----------------------------------------------------------------
     def scaled(self, length: Scalar, stiffness: Scalar) -> "Law":
-        """Return the law with displacement in units l, stiffness in kappa, time in kappa^(-1/2)."""
+        """Return the law in other units: displacement l, stiffness kappa, time kappa^(-1/2)."""
         return ScaledLaw(self, length, stiffness)
 
     def harmonics(
@@ -245,7 +245,7 @@ class Law(eqx.Module):
         max_turns: int,
         omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
-        """Return the steady force [N/kg] at rising angles of a period."""
+        """Return the steady force [N/kg] at given rising phase angles of a periodic motion."""
         return generic.force_by_moves(self, q, theta, omega)
 
     # -- for other programs ------------------------------------------------------------------------
@@ -262,7 +262,7 @@ class Law(eqx.Module):
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Return factors that convert the internal state to velocities; counters have zero.
+        """Return factors that convert the internal state to velocities; a counter's factor is zero.
 
         By default every entry is a force [N/kg] and its factor is 1 / omega_n.
         """
@@ -285,7 +285,7 @@ def laws_in(laws: Any) -> list[Law]:
 
 
 def map_laws(function: Callable[..., Any], laws: Any, *others: Any) -> Any:
-    """Apply a function to every law, with the matching entries of other trees."""
+    """Apply a function to every law, together with the matching entries of other pytrees."""
     return jax.tree.map(function, laws, *others, is_leaf=_is_law)
 
 
@@ -358,7 +358,7 @@ class ScaledLaw(Law):
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "ScaledLaw":
-        """Return the law in new units, which multiply its present ones."""
+        """Return the law in new units, which are relative to its present units."""
         return ScaledLaw(self.law, self.length * length, self.unit * stiffness)
 
     def harmonics(

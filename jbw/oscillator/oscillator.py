@@ -102,7 +102,7 @@ class Oscillator(eqx.Module):
 
     @property
     def undamaged(self) -> "Oscillator":
-        """The oscillator before damage, with laws that no cycle has degraded."""
+        """The oscillator before damage, with laws that have not yet degraded."""
         return Oscillator(self.omega_n, self.zeta, tuple(law.undamaged() for law in self.laws))
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:

@@ -38,17 +38,17 @@ MAX_ITERATIONS = 400
 _PATIENCE, _PROGRESS = 20, 0.9
 # Relative step of the finite difference for the derivative; smaller steps are unreliable.
 _DIFFERENCE = 1e-7
-# Velocity [m/s] for the size of that step if the oscillator is at rest.
+# Velocity [m/s] that determines the size of the finite-difference step of an oscillator at rest.
 _SLOW = 1e-2
-# A change is round-off if it is below this part of the state's largest entry.
+# A change of the state is round-off if it is below this fraction of the state's largest entry.
 _NOTHING = 1e-14
 # relative tolerance of a periodic state; over a long period, rounding is a few parts in 1e13
 _TOLERANCE = 1e-12
 _NEWTON_STEPS = 4  # usual number of Newton steps to a periodic state
 _MAX_STEPS = 16384  # largest number of steps of integration over a period
 _MAX_NEWTON = 32  # largest number of iterations of the shooting method
-# This is larger than the integration's error (1e-13), which is amplified near a fold; the last
-# Newton step gives the remaining digits.
+# Tolerance of the shooting method. It is larger than the integration's error (1e-13), which is
+# amplified near a fold; the last Newton step gives the remaining digits.
 _SHOOTING_TOLERANCE = 1e-8
 
 State = Float[Array, "3"]

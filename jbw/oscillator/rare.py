@@ -97,5 +97,4 @@ def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
 
 
 def _spread(met: Array, ndim: int) -> Array:
-    """Return one flag per oscillator, with axes of length one for the axes of its values."""
     return met.reshape(met.shape + (1,) * (ndim - met.ndim))

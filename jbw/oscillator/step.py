@@ -149,7 +149,7 @@ def meets_kink(step: ExactStep, state: State, push: Push) -> Bool[Array, "..."]:
 
 
 def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
-    """Return the laws' branches, their total F - K y and its rate, and the predicted y and v."""
+    """Return the laws' branches, their force F - K y with its rate, and the predicted y and v."""
     y, v, memory = state
     branches = tuple(
         law.branch(v, law_memory) for law, law_memory in zip(step.laws, memory, strict=True)
@@ -163,7 +163,7 @@ def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
 def _remainder(
     step: ExactStep, state: State, branches: tuple[Any, ...], u: Scalar
 ) -> tuple[Scalar, Scalar]:
-    """Return the laws' total r = F - K y, and its rate times the time step h, under the input u.
+    """Return the laws' total r = F - K y, and its rate times the time step h, under an input u.
 
     Only the rate of a velocity-dependent force, dF/dv times the acceleration, needs the input u.
     """
@@ -185,7 +185,7 @@ def _acceleration(step: ExactStep, y: Scalar, v: Scalar, r: Scalar, u: Scalar) -
 def _through_kinks(
     start: tuple[ExactStep, State, tuple[Any, ...], Scalar, Scalar, Scalar],
 ) -> End:
-    """Return the end of a step that may contain kinks, minus their effect in the prediction.
+    """Return the end of a step that may contain kinks, less the kinks' effect already predicted.
 
     `start` contains the step, its state, branches and input u, and the predicted y and v.
     """
@@ -205,7 +205,7 @@ def _through_kinks(
 def remainders(
     laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...]
 ) -> tuple[Scalar, Scalar]:
-    """Return the laws' total force without its linear part, r = F - K y, and its rate times h."""
+    """Return the laws' total nonlinear force r = F - K y, and its rate times the time step h."""
     y, v, memory = state
     parts = [
         law.remainder(h, y, v, law_memory, at)
@@ -219,7 +219,7 @@ def remainders(
 def glided(
     laws: tuple[Law, ...], state: State, branches: tuple[Any, ...], y_1: Scalar, v_1: Scalar
 ) -> tuple[tuple[Memory, ...], Bool[Array, "..."]]:
-    """Return the laws' internal states after a step without kinks, and True if one met a kink."""
+    """Return the laws' internal states after a step, and True if one of the laws met a kink."""
     y, v, memory = state
     moves = [
         law.glide(y, law_memory, y_1 - y, at)
@@ -314,5 +314,5 @@ def shifted(laws: tuple[Law, ...], end: End, dy: Scalar) -> tuple[Memory, ...]:
 
 
 def added(parts: Iterable[Any]) -> Any:
-    """Return the sum of parts, without the starting zero that XLA would add."""
+    """Return the sum of several terms, without the starting zero that XLA would add."""
     return reduce(add, parts)

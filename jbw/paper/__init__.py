@@ -94,7 +94,7 @@ if TYPE_CHECKING:
     from jbw.paper.walk import kl_normal as kl_normal
     from jbw.paper.walk import random_walk as random_walk
 
-# Modules of this package to their public names, in the order of the paper's sections.
+# The public names of each module of this package, in the order of the paper's sections.
 _NAMES = {
     "coefficients": (
         "branch", "Smoothing", "smoothing", "smoothing_error", "loading_force",

@@ -31,10 +31,10 @@ from jbw.oscillator.steady.waveform import gauss_legendre_between
 Path = Literal[1, 2, 3, 4]
 Variant = Literal["least_squares", "chebyshev", "taylor_least_squares", "printed", "printed_closed"]
 _NUM_NODES = 48
-_STRONG = 1.0  # delta Y above which the loop deviates strongly from a line
+_STRONG = 1.0  # value of delta Y above which the loop deviates strongly from a straight line
 # The fits are in units of Y and alpha Y: d = delta Y, g = gamma Y, eta = y_open/Y, s = y/Y. They
-# return lambda_0..lambda_3 of s - eta - lag. The polynomials contain the line, so only the lag is
-# fitted.
+# return the coefficients lambda_0..lambda_3 of s - eta - lag. Polynomials contain the straight
+# line, so only the lag is fitted.
 Coefficients = tuple[Array, Array, Array, Array]
 
 
@@ -45,7 +45,7 @@ def branch(
     path: Path,
     order: int | None = None,
 ) -> Float[Array, "..."]:
-    r"""Return the hysteretic force Z_i(y) on one of the four paths of the loop.
+    r"""Return the hysteretic force Z_i(y) on one of the four branches of the loop.
 
     $$Z_1 = \alpha\,\phi(\delta-\gamma, y-y_0), \quad Z_2 = -\alpha\,\phi(\delta+\gamma, y_0-y)$$
     $$Z_3 = -\alpha\,\phi(\delta-\gamma, -y_0-y), \quad Z_4 = \alpha\,\phi(\delta+\gamma, y+y_0)$$
@@ -94,7 +94,7 @@ def _taylor(c: Scalar, x: Array, order: int) -> Array:
 
 
 class Smoothing(eqx.Module):
-    """The coefficients of the smoothed hysteretic force, switched by the sign of the velocity.
+    """The coefficients of the smoothed hysteretic force, whose branch depends on the sign of v.
 
     Attributes:
         lambda_0: Force at y = 0, opposing the motion [N/kg].
@@ -179,7 +179,7 @@ def smoothing(
 
 
 def _threshold(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike | None) -> ArrayLike:
-    """Return the threshold y_0 of a loop with peak Y: the given value, or the steady loop's."""
+    """Return the threshold y_0 of a loop with peak Y: the given one, or that of the steady loop."""
     require_at_least("y_peak", y_peak, 0.0, open_end=True)
     if y_open is None:
         return steady_loop(joint, y_peak).y_open
@@ -193,7 +193,7 @@ def _threshold(joint: BoucWen, y_peak: ArrayLike, y_open: ArrayLike | None) -> A
 
 
 def _warn_of_strong_motion(joint: BoucWen, y_peak: ArrayLike) -> None:
-    """Warn where a cubic polynomial cannot follow the open loop."""
+    """Warn if a cubic polynomial cannot follow the open loop."""
     if not is_concrete(joint.delta, y_peak):
         return
     reach = float(np.max(np.abs(np.asarray(joint.delta)) * np.asarray(y_peak)))
@@ -269,7 +269,7 @@ def unloading_force(polynomial: Smoothing, y: Real[ArrayLike, "..."]) -> Float[A
 
 
 def loading_force(polynomial: Smoothing, y: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return the smoothed force on loading, dy/dt > 0, mirrored from unloading about the origin.
+    r"""Return the smoothed force on loading, dy/dt > 0: the mirror image of unloading.
 
     $$F(y) = \lambda_0 + \lambda_1 y - \lambda_2 y^2 + \lambda_3 y^3$$
 
@@ -319,7 +319,7 @@ def smoothed_force(
 
 
 def switch(v: Real[ArrayLike, "..."], width: Scalar = 0.0) -> Float[Array, "..."]:
-    """Return the sign of the velocity v, or tanh(v/width) if a width above zero is given."""
+    """Return the sign of the velocity v; for a positive `width`, return tanh(v/width)."""
     v, width = jnp.asarray(v, float), jnp.asarray(width, float)
     safe = jnp.where(width > 0.0, width, 1.0)
     return jnp.where(width > 0.0, jnp.tanh(v / safe), jnp.sign(v))
@@ -367,7 +367,7 @@ def smoothing_error(
 
 def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
     """Fit the smoothed force by least squares, as a projection on Legendre polynomials P_0..P_3."""
-    # The lag has a kink at the threshold, which splits the integration.
+    # The lag has a kink at the threshold, so the integral is split there.
     s, weights = gauss_legendre_between(_NUM_NODES, -1.0, eta, 1.0)
     lost = weights * unloading_lag(s, *(x[..., None] for x in (eta, d, g)))
     basis = (1.0, s, 1.5 * s**2 - 0.5, 2.5 * s**3 - 1.5 * s)
@@ -384,7 +384,7 @@ def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _taylor_least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Return the coefficients that minimise Eq. (9) for paths truncated after the cubic term."""
+    """Return the coefficients that minimise Eq. (9) for branches truncated after the cubic term."""
     dg, dd_gg = d * g, d**2 + g**2
     c_0 = (
         (-eta + 3 * d * eta / 16 + g * eta**2 / 2 + dg / 48 - 3 * dg * eta**2 / 16)
@@ -410,7 +410,7 @@ def _taylor_least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _printed(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Return Eqs. (10)-(13) as printed: lambda_0 = +c_0, lambda_2 = -c_2, with missing terms."""
+    """Return the coefficients of Eqs. (10)-(13) as printed: with wrong signs and missing terms."""
     dg, dd_gg = d * g, d**2 + g**2
     lambda_0 = -eta + 3 * d * eta / 16 + g * eta**2 / 2
     lambda_2 = -g / 2 + dd_gg * eta / 2 - 15 * d * eta / 16 + 15 * dg * eta**2 / 16
@@ -423,6 +423,6 @@ def _printed(d: Array, g: Array, eta: Array) -> Coefficients:
 
 
 def _printed_closed(d: Array, g: Array, eta: Array) -> Coefficients:
-    """Return Eqs. (24), (25): the closed loop, where only lambda_1 and lambda_3 are nonzero."""
+    """Return the coefficients of Eqs. (24), (25): the closed loop, only lambda_1 and lambda_3."""
     zero, unity = jnp.zeros_like(d), jnp.ones_like(d)
     return zero, unity, zero, closed_loop_stiffness(unity, d, unity)

@@ -101,7 +101,7 @@ def equivalent_force(
     *,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Return the smoothed hysteretic force; u_0 may replace its switched constant part.
+    r"""Return the smoothed hysteretic force; `u_0` may replace its constant, switched part.
 
     $$Z = \lambda_1 y + \rho\,y^2 + \lambda_3 y^3 + u_0, \qquad \rho = -\lambda_2\,\mathrm{sgn}(v)$$
 
@@ -133,7 +133,7 @@ def equivalent_acceleration(
     direction: Real[ArrayLike, "..."] | None = None,
     width: Scalar = 0.0,
 ) -> Float[Array, "..."]:
-    r"""Return the acceleration of the equivalent system, whose hysteresis is a switched polynomial.
+    r"""Return the acceleration of the equivalent system, in which a polynomial replaces hysteresis.
 
     $$\ddot y = u - 2\zeta\omega_n\dot y - (k+\lambda_1)\,y - \rho\,y^2 - \lambda_3 y^3 - u_0$$
 
@@ -214,7 +214,7 @@ def simulate_equivalent(
     adjoint: diffrax.AbstractAdjoint | None = None,
     **switching: Any,
 ) -> EquivalentResponse:
-    """Integrate the equivalent system in time, whose hysteresis is a switched polynomial.
+    """Integrate in time the equivalent system, in which a switched polynomial replaces hysteresis.
 
     The method is Tsit5 with a fixed step of 1/(substeps fs); a sampled input is linear between its
     samples. The force jumps at every turning point, by 2 (lambda_0 - lambda_2 y^2). That is little
@@ -261,7 +261,7 @@ def simulate_equivalent(
         num_samples = _length(u, num_samples)
     require_at_least("num_samples", num_samples, 2)
     adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
-    # As arrays the numbers are traced, so that other values do not compile again.
+    # Numbers in arrays are traced by JAX, so that other values need no new compilation.
     joint, smoothing, rate, state, width = jax.tree.map(
         lambda x: jnp.asarray(x, float), (joint, smoothing, substeps * fs, initial, branches.width)
     )
@@ -285,7 +285,7 @@ def _length(u: Array, num_samples: int | None) -> int:
 
 
 class _Drive(eqx.Module):
-    """The input, switched force and switching of the equivalent system; its time counts steps.
+    """The input, the switched force and the switching of the equivalent system, by time step.
 
     A step is then a whole number, so that no rounding accumulates over a long record.
     """
@@ -293,7 +293,7 @@ class _Drive(eqx.Module):
     u: Array | InputFunction
     switching: Switching
     substeps: int = eqx.field(static=True)
-    rate: Array  # steps in a second [1/s]
+    rate: Array  # number of steps per second [1/s]
 
     def force(self, step: Array) -> Array:
         """Return the input at a step [N/kg]."""
@@ -302,12 +302,12 @@ class _Drive(eqx.Module):
         return _interpolate(self.u, step / self.substeps)
 
     def switched(self, step: Array) -> Array | None:
-        """Return the externally supplied switched force, or None [N/kg]."""
+        """Return the switched force [N/kg] if it is supplied from outside, or else None."""
         u_0 = self.switching.u_0
         return None if u_0 is None else u_0(step / self.rate)
 
     def direction(self, step: Array, v: Array) -> Array:
-        """Return the signal that switches the branches: velocity, or as printed the input rate."""
+        """Return the signal that selects the branch: velocity, or as printed the input's rate."""
         if self.switching.variant == "corrected":
             return v
         _, slope = jax.jvp(self.force, (step,), (jnp.ones_like(step),))
@@ -354,6 +354,6 @@ def _simulate(
 
 
 def _interpolate(u: Array, position: Array) -> Array:
-    """Interpolate samples linearly by index arithmetic, which is much faster than a search."""
+    """Interpolate samples linearly by index arithmetic, which is faster than a search."""
     index = jnp.clip(jnp.floor(position).astype(int), 0, u.size - 2)
     return u[index] + (position - index) * (u[index + 1] - u[index])

@@ -120,8 +120,7 @@ def _linear_times_second(
     tau_1, tau_2, tau_3 = (_spread(tau, 5) for tau in (tau_1, tau_2, tau_3))
     inner = jnp.minimum(tau_2, tau_3)
     until = jnp.minimum(tau_1, inner)
-    # h_2(tau_2 - s, tau_3 - s) contains _ramp(rate, inner - s), whose two parts are integrated
-    # here.
+    # h_2(tau_2 - s, tau_3 - s) contains _ramp(rate, inner - s); its two parts are integrated here.
     rate = p_2 - p_3 - p_4
     grown = jnp.exp(rate * inner) * _ramp(p_0 - p_1 - p_2, until)
     ramps = (grown - _ramp(p_0 - p_1 - p_3 - p_4, until)) / rate
@@ -130,7 +129,7 @@ def _linear_times_second(
 
 
 def _poles(system: PolynomialOscillator, count: int) -> list[Complex[Array, "..."]]:
-    """Return the two poles of an oscillator's linear part, along each of `count` last axes."""
+    """Return the two poles of an oscillator's linear part, repeated along `count` last axes."""
     decay = jnp.asarray(system.damping) / 2.0
     poles = -decay + 1j * jnp.array([1.0, -1.0]) * _damped(system)
     return [poles.reshape(2, *(1,) * (count - 1 - axis)) for axis in range(count)]
@@ -139,7 +138,7 @@ def _poles(system: PolynomialOscillator, count: int) -> list[Complex[Array, "...
 def _summed(
     system: PolynomialOscillator, terms: Complex[Array, "..."], count: int
 ) -> Float[Array, "..."]:
-    """Sum terms over the two poles of the linear part, with their weights in h_1.
+    """Sum terms over the poles of the linear part, with the weights that the poles have in h_1.
 
     The poles are on the last axes, and the weights are +-1/(2j omega_d).
     """
@@ -163,7 +162,7 @@ def _damped(system: PolynomialOscillator) -> Scalar:
 
 
 def _spread(tau: Delay, axes: int) -> Float[Array, "..."]:
-    """Return causal delays with one new last axis for each sum over poles."""
+    """Return non-negative delays, with a new last axis for each sum over the poles."""
     return jnp.maximum(jnp.asarray(tau), 0.0).reshape(jnp.shape(tau) + (1,) * axes)
 
 

@@ -178,7 +178,8 @@ def tone_terms(
     if order < 1:
         raise ConfigError(f"`order` must be 1 or more, but is {order}.")
     slots, exponents = _slots(omega.size, order)
-    for lower in range(1, order + 1):  # A term contains the receptance at every part of its sum.
+    # A term contains the receptance at each partial sum of its frequencies.
+    for lower in range(1, order + 1):
         _, parts = _slots(omega.size, lower)
         sums = (parts[:, 0::2] - parts[:, 1::2]) @ omega
         require_no_pole(system.stiffness, system.damping, sums)
@@ -189,7 +190,7 @@ def tone_terms(
 
 
 def _slots(num_tones: int, order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return every choice of `order` factors from the tones' amplitudes, and their powers."""
+    """Return each choice of `order` factors from the tones, with the powers of each tone."""
     slots = np.array(list(combinations_with_replacement(range(2 * num_tones), order)))
     return slots, (slots[:, :, None] == np.arange(2 * num_tones)).sum(axis=1)
 
@@ -261,7 +262,7 @@ def tone_response(
 
 
 def merge_lines(lines: Lines, tolerance: float = 1e-9) -> Lines:
-    r"""Sum the lines of a response at one frequency, such as of tones at omega and 3 omega.
+    r"""Add the spectral lines of a response that have the same frequency.
 
     Negative frequencies become positive by $\mathrm{Re}\,Y e^{j\Omega t} = \mathrm{Re}\,\bar Y
     e^{-j\Omega t}$. The function cannot run under `jit`, as the lines to sum depend on values.
@@ -293,7 +294,7 @@ def merge_lines(lines: Lines, tolerance: float = 1e-9) -> Lines:
 
 
 def synthesize(lines: Lines, t: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""Return a response in time from its lines, $y(t) = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
+    r"""Return a response in time from its spectral lines, $y = \mathrm{Re}\sum Y\,e^{j\Omega t}$.
 
     Args:
         lines: Lines of the response.
@@ -313,7 +314,7 @@ Hold = Literal["first", "zero"]
 
 
 class VolterraResponse(eqx.Module):
-    """The parts of each order of a Volterra response; their sum is the response.
+    """The contribution of each order to a Volterra response; their sum is the response.
 
     Attributes:
         t: Time, which is 0 at the first sample [s].
@@ -385,7 +386,7 @@ def _cascade(
     substeps: int,
     max_order: int,
 ) -> tuple[Float[Array, "order time"], Float[Array, "order time"]]:
-    """Return each order's displacement and velocity at the samples, by a cascade of systems."""
+    """Return each order's displacement and velocity at the samples, by a cascade of oscillators."""
     step = dt / substeps
     moments = impulse_moments(system.stiffness, system.damping, step, 4)
     y, v = _propagate(moments, _held(_refined(u, hold, substeps), hold))
@@ -398,14 +399,14 @@ def _cascade(
 
 
 def _held(f: Float[Array, " time"], hold: Hold) -> Float[Array, "step 4"]:
-    """Return each step's polynomial for an input that is held ("zero") or linear ("first")."""
+    """Return each step's polynomial of an input that is constant ("zero") or linear ("first")."""
     slope = f[1:] - f[:-1] if hold == "first" else jnp.zeros_like(f[1:])
     none = jnp.zeros_like(slope)
     return jnp.stack([f[:-1], slope, none, none], axis=-1)
 
 
 def _hermite(f: Float[Array, " time"], rise: Float[Array, " time"]) -> Float[Array, "step 4"]:
-    """Return each step's cubic polynomial for an input known with its rate at each sample."""
+    """Return each step's cubic polynomial of an input whose samples and rates are known."""
     change, start, end = f[1:] - f[:-1], rise[:-1], rise[1:]
     return jnp.stack([f[:-1], start, 3 * change - 2 * start - end, start + end - 2 * change], -1)
 
@@ -413,7 +414,7 @@ def _hermite(f: Float[Array, " time"], rise: Float[Array, " time"]) -> Float[Arr
 def _propagate(
     moments: Moments, polynomials: Float[Array, "step 4"]
 ) -> tuple[Float[Array, " time"], Float[Array, " time"]]:
-    """Return an oscillator's displacement and velocity, from rest, under stepwise polynomials."""
+    """Return an oscillator's motion from rest under an input that is a polynomial in each step."""
     push = polynomials @ moments.y, polynomials @ moments.v
 
     def advance(state: tuple, push: tuple) -> tuple:
@@ -430,7 +431,7 @@ def _propagate(
 def periodic_response(
     system: PolynomialOscillator, u: Float[ArrayLike, "..."], fs: float, *, max_order: int = 3
 ) -> VolterraResponse:
-    r"""Return the steady Volterra response to one period of a band-limited record, in frequency.
+    r"""Return the steady Volterra response to one period of a band-limited record.
 
     $$Y_1 = H_1 U, \qquad Y_\eta(\omega) = -H_1(\omega)\,\mathcal F\bigl[\rho \sum y_i y_k
       + \lambda_3 \sum y_i y_k y_l\bigr](\omega)$$
@@ -473,10 +474,11 @@ def _lines_response(
     system: PolynomialOscillator,
     max_order: int,
 ) -> tuple[Float[Array, "order time"], Float[Array, "order time"]]:
-    """Return each order's displacement and velocity at the samples, from the input's lines."""
+    """Return each order's displacement and velocity at the samples, from the input's spectrum."""
     oversampling, fine = max_order + 1, (max_order + 1) * u.size
     lines = jnp.fft.rfft(u) * oversampling
-    if u.size % 2 == 0:  # On the finer grid the line at the old Nyquist frequency has a partner.
+    # On the finer grid, the line at the old Nyquist frequency has a mirror image.
+    if u.size % 2 == 0:
         lines = lines.at[-1].divide(2.0)
     spectrum = jnp.zeros(omega.size, lines.dtype).at[: lines.size].set(lines)
     parts, rates = [], []
@@ -526,8 +528,8 @@ def volterra_sums(
 def _sums(
     system: PolynomialOscillator, u: Float[Array, " time"], dt: Scalar, memory: int
 ) -> Float[Array, "order time"]:
-    """Return the multiple convolutions over the last `memory` samples of each instant."""
-    # The record starts at its first sample, where the trapezoid has only one side.
+    """Return the multiple convolutions at each sample, over the last `memory` samples."""
+    # At the record's first sample, the trapezoidal rule has only one half interval.
     padded = jnp.concatenate([jnp.zeros(memory - 1), u.at[0].divide(2.0)])
     past = dt * padded[jnp.arange(u.size)[:, None] + memory - 1 - jnp.arange(memory)]
     tau = dt * jnp.arange(memory)
@@ -553,7 +555,7 @@ def _record(u: Float[ArrayLike, "..."]) -> Float[Array, " time"]:
 
 
 def _refined(u: Float[Array, " time"], hold: Hold, substeps: int) -> Float[Array, " fine"]:
-    """Return the interpolated input on a grid `substeps` times as fine; keep the last sample."""
+    """Return the input, interpolated on a grid `substeps` times as fine, up to the last sample."""
     if hold == "zero":
         return jnp.concatenate([jnp.repeat(u[:-1], substeps), u[-1:]])
     fine = u[:-1, None] + (u[1:] - u[:-1])[:, None] * jnp.arange(substeps) / substeps

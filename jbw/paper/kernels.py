@@ -168,7 +168,7 @@ def third_harmonic(
 
 
 def softened_receptance(omega: Real, omega_n: Real, zeta: Real, softening: Real) -> Kernel:
-    r"""Return the receptance for a small ripple on the motion of a joint under a tone.
+    r"""Return the receptance of a joint that is softened by a tone, for a small additional motion.
 
     $$H(\omega) = \frac{1}{1/H_1(\omega) - s}, \qquad s = \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 
@@ -193,7 +193,7 @@ def softened_receptance(omega: Real, omega_n: Real, zeta: Real, softening: Real)
 def cubic_stiffness(
     h_3: Inexact[ArrayLike, "..."], omega: Real, omega_n: Real, zeta: Real
 ) -> Array:
-    r"""Return the cubic stiffness from a third-order kernel: the inverse of `cubic_kernel`.
+    r"""Return the cubic stiffness from a third-order kernel, as the inverse of `cubic_kernel`.
 
     $$\lambda_3 = -\mathrm{Re}\,\frac{H_3(\omega)}{H_1(\omega)^3\,H_1(3\omega)}$$
 

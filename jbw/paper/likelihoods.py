@@ -251,7 +251,7 @@ def map_estimate(
 
 
 def unit_of(theta: Mapping[str, float], bounds: Box) -> Float[Array, " parameter"]:
-    """Return parameters' relative positions between their bounds, strictly between 0 and 1."""
+    """Return parameters' positions between their bounds, strictly between 0 and 1."""
     missing = [name for name in bounds.names if name not in theta]
     if missing:
         raise ConfigError(f"`start` must name every parameter, but lacks {', '.join(missing)}.")

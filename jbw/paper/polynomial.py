@@ -76,7 +76,7 @@ def cubic_oscillator(joint: BoucWen, polynomial: Smoothing) -> PolynomialOscilla
 def nonlinear_force(
     system: PolynomialOscillator, parts: Sequence[Inexact[Array, "..."]]
 ) -> Inexact[Array, "..."]:
-    r"""Return the part of order n of the nonlinear force $\rho y^2 + \lambda_3 y^3$.
+    r"""Return the contribution of order n to the nonlinear force $\rho y^2 + \lambda_3 y^3$.
 
     $$f_n = \rho\sum_{i+k=n} y_i y_k + \lambda_3\sum_{i+k+l=n} y_i y_k y_l$$
 
@@ -122,11 +122,11 @@ def kernel_1(system: PolynomialOscillator, omega: Real) -> Kernel:
 
 
 def require_no_pole(stiffness: Real, damping: Real, omega: Real) -> None:
-    """Raise an error if a frequency, unless JAX traces it, is a pole of the undamped receptance."""
+    """Raise an error if a frequency is a pole of the undamped receptance; skip traced values."""
     if not is_concrete(stiffness, damping, omega):
         return
     stiffness, damping, omega = (np.asarray(x) for x in (stiffness, damping, omega))
-    # A sum of frequencies at the pole may differ from it by a few roundings.
+    # A sum of frequencies may differ from the pole by a few rounding errors.
     close = np.abs(stiffness - omega**2) <= 1e-14 * np.abs(stiffness)
     if np.any(pole := close & (damping == 0.0)):
         value = float(np.broadcast_to(omega, pole.shape)[pole].ravel()[0])

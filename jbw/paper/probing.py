@@ -54,7 +54,7 @@ def kernel(system: PolynomialOscillator, *omega: Float[ArrayLike, "..."]) -> Com
 
 
 def _partitions(items: tuple[int, ...], blocks: int) -> Iterator[tuple[tuple[int, ...], ...]]:
-    """Yield every way to divide `items` into `blocks` non-empty sets, each way once."""
+    """Yield every way to divide `items` into `blocks` non-empty sets, each only once."""
     if blocks == 1:
         yield (items,)
         return

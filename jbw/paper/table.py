@@ -5,7 +5,7 @@ from importlib import import_module
 from typing import NamedTuple
 
 LAST = 42
-# A line such as "Eqs. (10)-(13), (24), corrected: why." under `Reference:`; several may follow.
+# A line such as "Eqs. (10)-(13), (24), corrected: why." below `Reference:`; several are allowed.
 _SECTION = re.compile(r"^Reference:\n((?:    .*\n?)+)", re.MULTILINE)
 _ENTRY = re.compile(
     r"Eqs?\. (\(\d+\)(?:(?:-|, | and )\(\d+\))*)"

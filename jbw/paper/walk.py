@@ -146,7 +146,7 @@ def coefficient_of_variation(draws: Float[ArrayLike, "... draw"]) -> Float[Array
 
 
 def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Float[Array, "..."]:
-    r"""Return the KL divergence of a normal, truncated to the prior's box, from the uniform prior.
+    r"""Return the KL divergence of a normal truncated at the prior's bounds from a uniform prior.
 
     $$D = -\left[\ln(\sqrt{2\pi e}\,s\,C) + \frac{a\phi(a) - b\phi(b)}{2C}\right], \quad
       a = -\mu/s, \quad b = (1 - \mu)/s, \quad C = \Phi(b) - \Phi(a)$$
@@ -172,8 +172,7 @@ def kl_normal(mean: Real, std: Real, lower: Real = 0.0, upper: Real = 1.0) -> Fl
     _require_width(lower, upper)
     require_at_least("std", std, 0.0, open_end=True)
     mu, s = (mean - lower) / (upper - lower), std / (upper - lower)
-    # If both ends are in the upper tail, they are mirrored, so that the difference keeps its
-    # digits.
+    # If both ends lie in the upper tail, mirror them, so that their difference keeps its digits.
     mu = jnp.where(mu < 0.0, 1.0 - mu, mu)
     a, b = -mu / s, (1.0 - mu) / s
     log_c = log_ndtr(b) + jnp.log1p(-jnp.exp(log_ndtr(a) - log_ndtr(b)))

@@ -26,32 +26,32 @@ from jbw.oscillator.modes.parameters import NAMES, own_quantities
 from jbw.quantities import DEFAULT_LAWS, MODAL
 from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_names, thin
 
-# Factor of uncertainty of a single stated value: two; for the natural frequency, which a hammer tap
-# shows, much less.
+# Factor by which a single stated value may be wrong: two; for the natural frequency, which a hammer
+# tap shows, much less.
 REACH = {"omega_n": 1.1}
 FACTOR = 2.0
 Range = tuple[float, float]
-# factor to either side of the mean, where a posterior does not state the bounds of its prior
+# factor on each side of the mean, if a posterior does not state its prior's bounds
 UNBOUNDED = 10.0
 
 
 class Mode(NamedTuple):
-    """One mode of the structure, for every drawn joint."""
+    """One mode of the structure, with one value per drawn joint."""
 
     omega: Float[np.ndarray, " joint"]  # natural frequency [rad/s]
-    # relative motion of the joint per unit response, relative to the first mode
+    # motion of the joint per unit response, relative to that in the first mode
     h: Float[np.ndarray, " joint"]
 
 
 @dataclass(frozen=True)
 class Beliefs:
-    """The drawn joints of a plan, and what is known about their parameters before the test."""
+    """The joints drawn for a plan, and what is known of their parameters before any test."""
 
     joints: Draws  # values of all parameters and of `gain` for every joint, in their units
     names: tuple[str, ...]  # names of the inferred parameters
-    # value by which changes of each parameter are divided
+    # divisor that makes changes of each parameter relative
     scale: Float[np.ndarray, "joint parameter"]
-    # inverse covariance of these relative changes by the prior
+    # inverse of the covariance that the prior gives these relative changes
     precision: Float[np.ndarray, "parameter parameter"]
     box: Box  # prior bounds of the inferred parameters, to find those that tests do not determine
     laws: tuple[str, ...] = DEFAULT_LAWS
@@ -62,13 +62,13 @@ class Beliefs:
         return len(self.scale)
 
     def joint_by_joint(self) -> Iterator[dict[str, Array]]:
-        """Yield the parameters of one drawn joint after another, by name."""
+        """Yield the parameters of each drawn joint in turn, by name."""
         for i in range(self.num_joints):
             yield {name: jnp.asarray(values[i]) for name, values in self.joints.items()}
 
 
 def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
-    """Return each mode's natural frequency and relative motion of the joint."""
+    """Return each mode's natural frequency and the relative motion of the joint in it."""
     omega_n = np.asarray(joints["omega_n"])
     modes = [Mode(omega_n, np.ones_like(omega_n))]
     for names in NAMES:
@@ -79,7 +79,7 @@ def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
 
 
 def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
-    """Return names of parameters that are shares of omega_n^2, each with its stiffness's name."""
+    """Return names of parameters that are shares of omega_n^2, with the stiffness of each."""
     return {
         monomial.name: name
         for law in laws_named(laws)
@@ -91,7 +91,7 @@ def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
 
 
 def usual_of(laws: tuple[str, ...]) -> dict[str, tuple[str, Range]]:
-    """Return the default ranges of parameters, relative to other parameters."""
+    """Return the default ranges of those parameters that scale with other parameters."""
     return {name: part for law in laws_named(laws) for name, part in law.usual.items()}
 
 
@@ -123,7 +123,7 @@ def before(
     seed: int,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Beliefs:
-    r"""Return joints drawn from ranges of their parameters, each uniform in the logarithm.
+    r"""Return joints drawn from ranges of their parameters, uniformly in the logarithms.
 
     $$\mathrm{sd}(\log\theta) = \log(\theta_{max} / \theta_{min}) / \sqrt{12}$$
 
@@ -173,7 +173,7 @@ def before(
 
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
-    """Return joints drawn from a run's main posterior."""
+    """Return joints drawn from the main posterior of a run."""
     laws, posterior = laws_of_run(tree), posterior_draws(tree)
     names = parameter_names(laws)
     needed = [name for name in names if name != "gain"]
@@ -213,7 +213,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
 
 
 def _bounds(values: xr.DataArray, mean: float) -> Range:
-    """Return a parameter's prior bounds as the run states them, or a wide range around the mean."""
+    """Return a parameter's prior bounds, as the run states them, or a wide range about the mean."""
     if "lower" in values.attrs and "upper" in values.attrs:
         return float(values.attrs["lower"]), float(values.attrs["upper"])
     return bounds_about(mean, 1 / UNBOUNDED, UNBOUNDED)

@@ -34,7 +34,7 @@ POSITIVE = Quantity("positive", "", "1", "a positive number", 0.0)
 
 
 def _range(value: Any) -> Range:
-    """Return [lower, upper] from a number or a pair; raise a ValueError if the signs differ.
+    """Return [lower, upper] from a number or a pair; raise a ValueError unless both have one sign.
 
     A coefficient of variation (CV) needs a value that cannot be zero.
     """
@@ -60,7 +60,7 @@ def _within(quantity: Quantity, bounds: Range) -> Range:
 
 
 def _part(bounds: Range) -> Range:
-    """Return a stiffness share; raise a ValueError if it is not below one."""
+    """Return the range of a stiffness share; raise a ValueError unless it lies below one."""
     if bounds[1] >= 1:
         raise ValueError(
             f"must lie between 0 and 1, a part of the stiffness, but reaches {bounds[1]:g}."
@@ -85,7 +85,7 @@ Part = Annotated[PositiveRange, AfterValidator(_part)]
 
 
 class PlanTable(FileTable):
-    """The [plan] table of a plan file, without the parameters of the laws."""
+    """The [plan] table of a plan file; parameters of the laws are added separately."""
 
     natural_hz: PositiveRange | None = key(None, "natural frequency at small amplitude [Hz]")
     omega_n: PositiveRange | None = key(None, "the same [rad/s], instead")
@@ -116,7 +116,7 @@ class PlanTable(FileTable):
 
 @cache
 def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
-    """Return the [plan] table for a joint with these laws, whose parameters are further keys."""
+    """Return the class of the [plan] table for these laws, whose parameters are further keys."""
     fields: dict[str, Any] = {}
     for quantity in quantities_of(laws):
         kind: Any = Annotated[AnyRange, AfterValidator(partial(_within, quantity))]
@@ -135,7 +135,7 @@ TABLES: dict[str, type[FileTable]] = {"joint": JointLaws, "plan": PlanTable, **G
 
 
 def plan_file() -> type[FileTable]:
-    """Return the model of the whole plan file, from which editors get its JSON Schema."""
+    """Return the class of the whole plan file, from which editors get its JSON Schema."""
     fields: dict[str, Any] = {name: (table | None, None) for name, table in TABLES.items()}
     fields["plan"] = plan_table() | None, None
     return create_model("PlanFile", __base__=FileTable, **fields)
@@ -162,7 +162,7 @@ def read_description(path: Path, *, of_run: bool = False) -> Description:
 
 
 def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Description:
-    """Parse and check the text of a plan file, and report all errors at once."""
+    """Parse and check the text of a plan file; report all errors together."""
     document = document_of(source, file)
     errors = unknown_tables(document, TABLES)
     joint = checked(JointLaws, document.get("joint", {}), "[joint]", errors) or JointLaws()
@@ -215,7 +215,7 @@ def _told_by_run(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str,
 
 
 def _missing(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...]) -> list[str]:
-    """Return the errors of missing keys, and of joints stiffer than the whole structure."""
+    """Return the errors of missing keys and of joints stiffer than the whole structure."""
     faults, usual, fields = [], usual_of(laws), plan_table(laws).model_fields
     tells_frequency = bool({"natural_hz", "omega_n"} & stated_keys)
     if not tells_frequency:
@@ -244,7 +244,7 @@ def _omega_n(plan: PlanTable) -> Range:
 
 
 def _force(plan: PlanTable) -> tuple[float | None, str | None, dict[str, Range]]:
-    """Return the gain if it has one value, the input's unit, and otherwise the gain's range."""
+    """Return the gain if it has a single value, the input's unit, and otherwise its range."""
     if plan.gain is not None:
         low, high, unit = *plan.gain, "V"
     elif plan.modal_mass is not None:

@@ -42,7 +42,7 @@ from jbw.planning.prospects import Prospect, prospects
 from jbw.quantities import UNIT_OF, in_dialect
 from jbw.report.messages import planning
 
-ADMITTED = ("ok", "too few")  # statuses of candidate tests that a combination may contain
+ADMITTED = ("ok", "too few")  # statuses that candidate tests of a combination may have
 RESPONSE_OF = {unit: response for response, unit in UNIT_OF.items()}
 INPUT_UNITS = ("V", "N", "N/kg")
 STATUSES = ("ok", "too few", "not predicted", "not feasible")
@@ -56,7 +56,7 @@ def plan_tests(
     report: Callable[[str], None] = lambda sentence: None,
     parts: Parts = unkept,
 ) -> MeasurementPlan:
-    """Plan tests of a joint: level, rate, tones and repeats that reach a wanted accuracy (CV).
+    """Plan tests of a joint: level, rate, tones and repeats that give the wanted accuracy (CV).
 
     Args:
         description: Guesses, wishes and limits, or their plan file; if a run is given, which
@@ -132,7 +132,7 @@ def plan_tests(
 
 
 def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return drawn joints, noise and the unit of the input from a plan file."""
+    """Return drawn joints, noise and the input's unit from a plan file alone."""
     if not description.ranges or description.noise is None:
         raise ConfigError(
             "A plan needs a description of the joint and its noise, or a run, but neither is "
@@ -152,7 +152,7 @@ def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | Non
 def _after(
     description: Description, rig: "Rig", tree: xr.DataTree
 ) -> tuple[Beliefs, ResponseNoise, str | None]:
-    """Return drawn joints, noise and the unit of the input from a run and a plan file."""
+    """Return drawn joints, noise and the input's unit from a run and a plan file."""
     inferred = "gain" in tree["posterior"].data_vars
     if inferred and description.gain is not None:
         raise ConfigError(
@@ -195,7 +195,7 @@ def _wish(description: Description, beliefs: Beliefs, input_unit: str) -> Wish:
 
 @dataclass(frozen=True)
 class Rig:
-    """The test rig of a run, with None for values that the run does not state."""
+    """The test rig of a run; values that the run does not state are None."""
 
     noise: ResponseNoise | None = None  # noise of the response
     fs: float | None = None  # sampling frequency [Hz]
@@ -228,8 +228,8 @@ def rig_of(tree: xr.DataTree) -> Rig:
 
 
 def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
-    """Return the noise of one sample, as the median over levels and draws; None if unknown."""
-    # Noise of free decays (filtered) and of harmonics is left out: it is not that of one sample.
+    """Return the noise of one sample, the median over levels and draws; None if unknown."""
+    # Omit the noise of free decays (filtered) and of harmonics, which is not that of one sample.
     for name, values in posterior.data_vars.items():
         response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
         sampled = str(values.dims[-1]).startswith("level")
@@ -238,12 +238,13 @@ def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
     return None
 
 
-# Information f_k along each mode relative to the prior's, and prior variance w_ik^2 along it.
+# Information f_k along each eigenvector relative to the prior's, and the parameters' prior variance
+# w_ik^2 along it.
 InformationModes = tuple[Float[np.ndarray, "joint mode"], Float[np.ndarray, "joint parameter mode"]]
 
 
 def modes(precision: Matrices, information: Matrices) -> InformationModes:
-    """Return information f_k and prior variance w_ik^2 along eigenvectors of F w = f P w, by joint.
+    """Return information f_k and prior variances w_ik^2 along the eigenvectors of F w = f P w.
 
     The modes make the prior P and the information F of one repeat diagonal.
     """
@@ -254,27 +255,27 @@ def modes(precision: Matrices, information: Matrices) -> InformationModes:
 
 
 def spread(eigenmodes: InformationModes, repeats: float) -> Float[np.ndarray, "joint parameter"]:
-    """Return coefficients of variation, CV_i^2 = [(P + R F)^-1]_ii = sum_k w_ik^2 / (1 + R f_k)."""
+    """Return coefficients of variation after R repeats, CV_i^2 = sum_k w_ik^2 / (1 + R f_k)."""
     values, shares = eigenmodes
     return np.sqrt(np.sum(shares / (1.0 + repeats * values[..., None, :]), axis=-1))
 
 
 def covariance(precision: Matrices) -> Matrices:
-    """Return the inverse of an information matrix, computed with scaled parameters for accuracy."""
+    """Return the inverse of an information matrix; parameters are scaled for accuracy."""
     scale = 1 / np.sqrt(np.diagonal(precision, axis1=-2, axis2=-1))
     both = scale[..., :, None] * scale[..., None, :]
     return both * np.linalg.inv(both * precision)
 
 
 def worst_decile(values: Float[np.ndarray, " joint *n"]) -> Float[np.ndarray, "*n"]:
-    """Return the value that nine joints in ten do not exceed."""
+    """Return the value that nine out of ten joints do not exceed."""
     return np.quantile(values, 0.9, axis=0, method="inverted_cdf")
 
 
 def repeats_needed(
     eigenmodes: InformationModes, positions: list[int], cv: float, most: int
 ) -> int | None:
-    """Return the fewest repeats that reach the CV for nine joints in ten; None if above `most`."""
+    """Return the fewest repeats that give the CV for nine joints in ten; None if above `most`."""
 
     def enough(repeats: int) -> bool:
         return bool(np.all(worst_decile(spread(eigenmodes, repeats))[positions] <= cv))
@@ -287,7 +288,7 @@ def repeats_needed(
 def information_gain(
     precision: Matrices, information: Matrices, positions: Sequence[int] | None = None
 ) -> Float[np.ndarray, "*joint"]:
-    r"""Return a test's expected information gain, where the posterior is near Gaussian.
+    r"""Return the information gain that a test is expected to give, for a near-Gaussian posterior.
 
     $$I_w = \tfrac12 \left(\log\det \Sigma_{ww} - \log\det \Sigma'_{ww}\right), \qquad
       \Sigma = P^{-1}, \quad \Sigma' = (P + F)^{-1}$$
@@ -346,7 +347,7 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
 def expected(
     spreads: Float[np.ndarray, "joint parameter"], beliefs: Beliefs, wish: Wish
 ) -> dict[str, Expected]:
-    """Return the expected CV of each wanted parameter: median and ninth decile over the joints."""
+    """Return each wanted parameter's expected CV: its median and ninth decile over the joints."""
     worst, middle = worst_decile(spreads), np.median(spreads, axis=0)
     return {
         name: Expected(float(middle[i]), float(worst[i]))
@@ -358,8 +359,8 @@ def expected(
 def _undetermined(
     beliefs: Beliefs, precision: Matrices, positions: Sequence[int]
 ) -> tuple[str, ...]:
-    """Return a sentence on parameters that tests determine only in combination, if any."""
-    # This is evaluated for the joint with the median accuracy of the wanted parameters.
+    """Return a sentence on parameters that the tests determine only in combination, if any."""
+    # Use the joint for which the accuracy of the wanted parameters is the median.
     remaining = covariance(precision)
     poorest = np.max(np.diagonal(remaining, axis1=1, axis2=2)[:, list(positions)], axis=1)
     i = int(np.argsort(poorest)[len(poorest) // 2])
@@ -380,10 +381,10 @@ def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
 
 
 def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Combination:
-    """Return a combination of tests that reaches the wanted accuracy, built repeat by repeat."""
-    # Each step adds the repeat with the largest information gain about the wanted parameters per
-    # second of measuring, averaged over the joints. At the end, repeats that are not needed are
-    # removed, the longest first.
+    """Return a combination of tests that gives the wanted accuracy, built repeat by repeat."""
+    # Each step adds the repeat with the largest information gain on the wanted parameters per
+    # second of measurement, averaged over the joints. At the end, unnecessary repeats are removed,
+    # the longest first.
     positions = [beliefs.names.index(name) for name in wish.wanted]
     seconds = np.array([prospect.candidate.seconds for prospect in prospects])
     counts = np.zeros(len(prospects), int)

@@ -18,9 +18,9 @@ from scipy.stats import t as student
 from jbw.errors import ConfigError
 
 FADE_PERIODS = 8  # length of the fade-out at the end of a burst, in periods of the last frequency
-MOST_FADED = 0.1  # largest part of a burst that is faded out
+MOST_FADED = 0.1  # largest fraction of a burst during which it is faded out
 DESIGNS = ((3, 1), (3, 2), (3, 3), (4, 2), (5, 1), (5, 3))
-LEVEL = 0.995  # quantile of the upper end of a 99 % interval
+LEVEL = 0.995  # probability of the upper end of a 99 % interval
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class PlannedSweep:
     start_hz: float
     stop_hz: float
     rate: float  # rate of the sweep [Hz/s]
-    rest: float  # free decay after the burst, at whose end the joint is at rest [s]
+    rest: float  # duration of the free decay after the burst, at whose end the joint is at rest [s]
     fs: float  # sampling frequency [Hz]
 
     @property
@@ -46,7 +46,7 @@ class PlannedSweep:
 
     @property
     def highest_hz(self) -> float:
-        """The highest frequency that is used: the last one of the sweep [Hz]."""
+        """The highest frequency of the test, which is the last one of the sweep [Hz]."""
         return self.stop_hz
 
     @property
@@ -69,13 +69,13 @@ class PlannedTones:
 
     level: float  # peak of the input [V, N or N/kg]
     frequencies_hz: tuple[float, ...]
-    dwell: float  # time on each step [s]
-    settle: float  # discarded first part of that time [s]
+    dwell: float  # duration of each step [s]
+    settle: float  # first part of each step, which is discarded [s]
     fs: float  # sampling frequency [Hz]
 
     @property
     def highest_hz(self) -> float:
-        """The highest frequency that is used: the third harmonic of the highest tone [Hz]."""
+        """The highest used frequency, which is the third harmonic of the highest tone [Hz]."""
         return 3 * max(self.frequencies_hz)
 
     @property
@@ -95,18 +95,18 @@ class PlannedTones:
 
 @dataclass(frozen=True)
 class PlannedBackbone:
-    """Points at phase resonance with a controlled amplitude, for several amplitudes in turn."""
+    """Points at phase resonance with a controlled amplitude, one amplitude after another."""
 
-    level: float  # largest peak of the input, median of the drawn joints [V, N or N/kg]
+    level: float  # largest peak of the input: the median over the drawn joints [V, N or N/kg]
     amplitudes: tuple[float, ...]  # amplitudes of the displacement [m]
-    dwell: float  # time on each step [s]
-    settle: float  # first part of the dwell, in which the controller locks [s]
+    dwell: float  # duration of each step [s]
+    settle: float  # first part of each step, in which the controller locks [s]
     fs: float  # sampling frequency [Hz]
     natural_hz: float  # natural frequency, to which all frequencies of the test are close [Hz]
 
     @property
     def num_samples(self) -> int:
-        """The number of samples of each point that are used."""
+        """The number of samples that are used at each point."""
         return round((self.dwell - self.settle) * self.fs)
 
     @property
@@ -116,7 +116,7 @@ class PlannedBackbone:
 
     @property
     def highest_hz(self) -> float:
-        """The highest frequency that is used: that of the fundamental [Hz]."""
+        """The highest used frequency, which is that of the fundamental [Hz]."""
         return self.natural_hz
 
     def __str__(self) -> str:
@@ -127,7 +127,7 @@ class PlannedBackbone:
 
 @dataclass(frozen=True)
 class PlannedSteppedSine(PlannedTones):
-    """A stepped sine, which dwells at one frequency after another in one record."""
+    """A stepped sine: one record with one frequency after another."""
 
     def __str__(self) -> str:
         low, high = min(self.frequencies_hz), max(self.frequencies_hz)
@@ -160,25 +160,28 @@ class Wish:
 
 @dataclass(frozen=True)
 class Expected:
-    """The expected coefficient of variation of a parameter for the drawn joints [-]."""
+    """The expected coefficient of variation of a parameter, over the drawn joints [-]."""
 
     median: float  # value that half of the joints do not exceed
-    worst_decile: float  # value that nine joints in ten do not exceed; compared with the wanted one
+    # value that nine joints in ten do not exceed; the wanted accuracy applies to it
+    worst_decile: float
 
 
 @dataclass(frozen=True)
 class CandidateRow:
-    """One candidate test; its status is "ok", "too few", "not feasible" or "not predicted"."""
+    """The row of a candidate test; its status is ok, too few, not feasible or not predicted."""
 
     test: str  # description of the test
     level: float  # peak of the input [V, N or N/kg]
-    y_peak: float  # predicted peak displacement, median of the drawn joints [m]
-    y_peak_largest: float  # predicted peak displacement, largest of the drawn joints [m]
-    repeats: int | None  # number of repeats for the wanted accuracy; None if more than allowed
+    y_peak: float  # predicted peak displacement: the median over the drawn joints [m]
+    y_peak_largest: float  # predicted peak displacement: the largest of all drawn joints [m]
+    # number of repeats that give the wanted accuracy; None if it exceeds the limit
+    repeats: int | None
     seconds_each: float  # measuring time of one repeat [s]
     seconds: float | None  # measuring time of all repeats [s]
-    cv: dict[str, Expected]  # CV of each parameter after these repeats, or after the allowed number
-    # expected information gain of one repeat, mean of the drawn joints [nats]
+    # CV of each parameter after these repeats, or after the largest allowed number
+    cv: dict[str, Expected]
+    # expected information gain of one repeat: the mean over the drawn joints [nats]
     information_gain: float
     status: str
     # reasons against the test, and parameters that it does not determine
@@ -196,7 +199,7 @@ class Chosen:
 
 @dataclass(frozen=True)
 class Combination:
-    """A set of tests that are to be measured together."""
+    """A set of tests that are to be performed together."""
 
     tests: tuple[Chosen, ...]
     seconds: float  # measuring time of all tests [s]
@@ -207,18 +210,18 @@ class Combination:
 
 @dataclass(frozen=True)
 class MeasurementPlan:
-    """A plan: candidate tests, and a combination that reaches the wanted accuracy."""
+    """A plan: candidate tests, and a combination of them that gives the wanted accuracy."""
 
     rows: tuple[CandidateRow, ...]
-    combination: Combination  # tests that reach the wanted accuracy together
+    combination: Combination  # set of tests that together give the wanted accuracy
     wish: Wish
-    num_joints: int  # number of drawn joints from which all medians and deciles are taken
+    num_joints: int  # number of drawn joints, over which all medians and deciles are taken
     before: dict[str, Expected]  # CV of each parameter before any of these tests
     notes: tuple[str, ...] = ()  # assumptions of the plan
 
 
 class FleetDesign(NamedTuple):
-    """The expected accuracy of a fleet design, in units of the standard deviation between units.
+    """The accuracy expected of a fleet of units, relative to the standard deviation between units.
 
     Attributes:
         levels: Number of torques, evenly spaced in the logarithm.
@@ -238,7 +241,7 @@ class FleetDesign(NamedTuple):
 def fleet_designs(
     torque: tuple[float, float], designs: Iterable[tuple[int, int]] = DESIGNS
 ) -> list[FleetDesign]:
-    """Return the expected accuracy of fleet designs with torques between two limits [N m].
+    """Return the accuracy expected of fleets of units with torques between two limits [N m].
 
     Raises:
         ConfigError: The torques are no range, or a design has fewer than three units.

@@ -26,18 +26,20 @@ from jbw.planning.plan import (
 from jbw.planning.prospects import peak_displacements
 from jbw.report.messages import planning
 
-# target displacements of the levels, relative to the largest displacement
+# displacements at which the levels aim, relative to the largest displacement
 SHARES = (0.2, 0.45, 0.9)
 SPAN = (0.5, 1.5)  # frequency range of a sweep, relative to the natural frequency
 PERIODS = (200, 800)  # number of periods in a sweep, at its average frequency
-THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)  # probing tones of Teloli et al., relative to omega_n / 3
+# tones that measure the third-order kernel, as in Teloli et al., relative to omega_n / 3
+THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)
 NUM_STEPS = 15
 # number of points of a backbone, and ratio of its smallest to its largest amplitude
 NUM_POINTS, LEAST_SHARE = 14, 0.03
-BANDWIDTHS = 4  # bandwidths that a stepped sine covers on either side of the resonances
+BANDWIDTHS = 4  # width that a stepped sine covers on each side of the resonances, in bandwidths
 READ_PERIODS = 100  # number of natural periods of each tone that are used
-DECAY = np.log(1000.0)  # decay of a transient before the next measurement, in nepers
-NUM_TRIES = 3  # number of corrections of a sweep's level; each brings its peak several times closer
+DECAY = np.log(1000.0)  # required decay of a transient before the next measurement, in nepers
+# number of corrections of a sweep's level; each reduces the error of its peak several times
+NUM_TRIES = 3
 PER_PERIOD = 40  # smallest number of samples per period
 DIGITS = 3
 
@@ -52,7 +54,7 @@ class SweepTable(FileTable):
 
 
 class DwellingTable(FileTable):
-    """The keys that tables of tests with several steady points have in common."""
+    """The keys that the tables of all tests with several steady points share."""
 
     dwell: Positive | None = key(None, "time on each step [s]")
     settle: NonNegative | None = key(None, "first part of that time, which is discarded [s]")
@@ -92,7 +94,7 @@ READ = {
     PlannedSteppedSine: planning.THIRD_HARMONIC,
     PlannedBackbone: planning.NATURAL_FREQUENCY,
 }
-# Values that a table leaves out follow from the drawn joints.
+# Values that a table does not state follow from the drawn joints.
 Grid = SweepTable | TonesTable | BackboneTable
 GRIDS: dict[str, type[Grid]] = {
     "sweep": SweepTable,
@@ -109,7 +111,7 @@ USUAL = (
 
 @dataclass(frozen=True)
 class Reach:
-    """The limits of tests: sampling frequency, displacement and input."""
+    """The limits of the tests: sampling frequency, displacement and input."""
 
     fs: float  # sampling frequency [Hz]
     max_displacement: float  # largest displacement [m], by which levels are chosen
@@ -117,7 +119,7 @@ class Reach:
 
     @property
     def goals(self) -> list[float]:
-        """The displacements that the levels of a test are to reach [m]."""
+        """The displacements [m] at which the levels of a test aim."""
         return [share * self.max_displacement for share in SHARES]
 
 
@@ -127,7 +129,7 @@ def sampling_for(natural_hz: float) -> float:
 
 
 def displacement_for(beliefs: Beliefs) -> float:
-    """Return the displacement at which the joint slides [m]: a length of its laws, as 1/delta."""
+    """Return the displacement [m] at which the joint slides, from its laws (such as 1/delta)."""
     for quantity in quantities_of(beliefs.laws):
         if quantity.unit in ("m", "1/m"):
             value = float(np.abs(np.median(beliefs.joints[quantity.name])))
@@ -139,7 +141,7 @@ def displacement_for(beliefs: Beliefs) -> float:
 
 
 def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[Candidate]:
-    """Return candidate tests of all kinds, by default at parts of the largest displacement."""
+    """Return candidate tests of all kinds, by default at fractions of the largest displacement."""
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps, "backbone": _backbones}
     _require_one_mode(grids, beliefs)
     candidates = [
@@ -159,13 +161,13 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
 
 
 def default_grids(beliefs: Beliefs) -> dict[str, Grid]:
-    """Return the default kinds of candidate tests that can be planned for the structure's modes."""
+    """Return the default kinds of test that can be planned for the structure's number of modes."""
     kinds = ("sweep",) if len(modes_of(beliefs.joints)) > 1 else USUAL
     return {kind: GRIDS[kind]() for kind in kinds}
 
 
 def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
-    """Raise a ConfigError for steady tones, planned for one mode, if several move the joint."""
+    """Raise a ConfigError if steady tones are planned but several modes move the joint."""
     others = [kind for kind in grids if kind != "sweep"]
     if others and len(modes_of(beliefs.joints)) > 1:
         raise ConfigError(
@@ -175,7 +177,7 @@ def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
 
 
 def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSweep]:
-    """Return sweeps around every mode, at levels that move the joint equally far."""
+    """Return sweeps around every mode, at levels that give equal motions of the joint."""
     modes = modes_of(beliefs.joints)
     centres = [float(np.median(mode.omega) / (2 * np.pi)) for mode in modes]
     spans = [grid.span] if grid.span else [_span_about(centre, centres) for centre in centres]
@@ -196,7 +198,7 @@ def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSwe
 
 
 def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
-    """Return the range of a sweep around a mode [Hz], at most halfway to the next mode."""
+    """Return the frequency range of a sweep around a mode [Hz], halfway to other modes at most."""
     low, high = (share * natural for share in SPAN)
     middles = [0.5 * (natural + other) for other in every if other != natural]
     low = max([low, *(x for x in middles if x < natural)])
@@ -204,7 +206,7 @@ def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
 
 
 def _aimed(shape: PlannedSweep, level: float, y: float, beliefs: Beliefs) -> float:
-    """Return the level at which a sweep moves the most responsive drawn joint by y."""
+    """Return the level at which a sweep moves the most responsive of the drawn joints by y."""
     for _ in range(NUM_TRIES):
         peaks = peak_displacements(replace(shape, level=level), beliefs)
         bounded = peaks[np.isfinite(peaks)]
@@ -217,7 +219,7 @@ def _aimed(shape: PlannedSweep, level: float, y: float, beliefs: Beliefs) -> flo
 def _tones(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[PlannedTones]:
     third = _natural(beliefs) / 3
     frequencies = grid.frequencies or tuple(_rounded(share * third) for share in THIRDS)
-    # Far below its resonance, the structure responds like a spring.
+    # Far below its resonance, the structure responds like a spring to a force.
     omega_n, gain = beliefs.joints["omega_n"], np.abs(beliefs.joints["gain"])
     per_metre = float(np.min(np.abs(omega_n**2 - (2 * np.pi * max(frequencies)) ** 2) / gain))
     levels = grid.levels or _within([per_metre * y for y in reach.goals], reach)
@@ -257,7 +259,7 @@ def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Plan
 
 
 def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
-    """Return a stepped sine's frequencies [Hz], which cover the resonances of all drawn joints.
+    """Return frequencies [Hz] of a stepped sine that cover the resonances of all drawn joints.
 
     The lowest resonance is that at the largest displacement, the highest that of small motion.
     """
@@ -269,7 +271,7 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
 
 
 def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
-    """Return inputs that bring the most responsive drawn joint to the target displacements."""
+    """Return input levels that move the most responsive drawn joint to the wanted displacements."""
     gain = np.abs(beliefs.joints["gain"])  # The sign of the gain does not change the motion.
     return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in reach.goals]
 
@@ -280,7 +282,7 @@ def _resonance(beliefs: Beliefs, y: float) -> Resonances:
 
 
 def _within(levels: Sequence[float], reach: Reach) -> tuple[float, ...]:
-    """Return levels, rounded, and no larger than the largest input."""
+    """Return levels, rounded and limited to the largest input."""
     return tuple(sorted({min(_rounded(level), reach.max_input) for level in levels}))
 
 
@@ -299,7 +301,7 @@ def _times(grid: TonesTable, beliefs: Beliefs) -> tuple[float, float]:
 
 
 def _decay(beliefs: Beliefs) -> float:
-    """Return the time in which the least damped drawn joint decays to a thousandth [s]."""
+    """Return the time [s] in which the least damped of the drawn joints decays to a thousandth."""
     return _rounded(float(np.max(DECAY / (beliefs.joints["zeta"] * beliefs.joints["omega_n"]))))
 
 

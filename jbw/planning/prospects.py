@@ -27,11 +27,11 @@ from jbw.quantities import UNIT_OF, Motion
 from jbw.report.messages import planning
 from jbw.verification.in_time import responses_at
 
-# A planned test in the form of data for the model, and 1 for each measured value.
+# A planned test as data for the model, with a mask that is 1 for each measured value.
 Design = tuple[Dataset, Float[np.ndarray, " value"]]
 SUBSTEPS = 1  # One step per sample gives derivatives accurate to a few parts in a thousand.
-RELATIVE_STEP = 1e-5  # step of finite differences; their error is its square / damping ratio
-NUM_PHASES = 256  # number of points of a period at which its peak is searched
+RELATIVE_STEP = 1e-5  # step of finite differences; their error is the step squared / damping ratio
+NUM_PHASES = 256  # number of points of a period among which its peak is searched
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,13 @@ def prospects(
     report: Callable[[str], None] = lambda _: None,
     parts: Parts = unkept,
 ) -> tuple[Prospect, ...]:
-    """Return information and peak displacement of candidate tests for every drawn joint.
+    """Return, for every drawn joint, information and peak displacement of candidate tests.
 
     The results of each candidate are stored in `parts`, so that an interrupted plan can continue.
 
     `parts` stores the prospect of each candidate.
     """
-    # All sweeps are padded to the longest one, because each new length would be compiled again; the
+    # All sweeps are padded to the longest one, because each new length needs a new compilation; the
     # padding does not count as data.
     sweeps = [candidate for candidate in candidates if isinstance(candidate, PlannedSweep)]
     longest = max((candidate.num_samples for candidate in sweeps), default=0)
@@ -89,7 +89,7 @@ def prospects(
 def _timed(
     candidate: Candidate, beliefs: Beliefs, noise: ResponseNoise, longest: int
 ) -> tuple[float, Prospect]:
-    """Return the time to compute a candidate test, without compiling [s], and its results."""
+    """Return the computing time of a candidate test, without compilation [s], and its results."""
     _prospect(candidate, beliefs, noise, longest)
     began = perf_counter()
     prospect = _prospect(candidate, beliefs, noise, longest)
@@ -99,7 +99,7 @@ def _timed(
 def cost_sentence(
     candidates: Sequence[Candidate], seconds_of_form: Mapping[type, float], beliefs: Beliefs
 ) -> str:
-    """Return the sentence on a plan's computing time, estimated from one candidate of each kind."""
+    """Return the sentence on a plan's computing time, estimated from one test of each kind."""
     seconds = sum(seconds_of_form[type(candidate)] for candidate in candidates)
     return planning.cost(len(candidates), beliefs.num_joints, seconds)
 
@@ -128,7 +128,7 @@ def _found(
     information: Float[np.ndarray, "joint parameter parameter"],
     y_peak: Float[np.ndarray, " joint"],
 ) -> Prospect:
-    """Return a candidate's results; a joint without a solution has no information."""
+    """Return the results of a candidate test; joints without a solution get no information."""
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
     information[lost], y_peak[lost] = 0.0, np.nan
     return Prospect(candidate, information, y_peak)
@@ -137,7 +137,7 @@ def _found(
 def peak_displacements(
     candidate: PlannedSweep, beliefs: Beliefs, longest: int = 0
 ) -> Float[np.ndarray, " joint"]:
-    """Return every joint's peak displacement in a sweep [m]; not finite if motion diverges."""
+    """Return each joint's peak displacement [m] in a sweep; not finite if the motion diverges."""
     joints = {name: np.asarray(values, float) for name, values in beliefs.joints.items()}
     data = _planned_sweep(candidate, beliefs.laws, "displacement", longest)
     return responses_at(joints, replace(data, depth=None, residuals="none"))[1]
@@ -146,7 +146,7 @@ def peak_displacements(
 def _planned_sweep(
     candidate: PlannedSweep, laws: tuple[str, ...], response: str, longest: int
 ) -> Records:
-    """Return the record of a planned sweep, with zeros in place of the response."""
+    """Return the record of a planned sweep; its response is zero."""
     played = sweep(
         candidate.level, candidate.start_hz, candidate.stop_hz, candidate.burst,
         fade=candidate.fade,
@@ -162,7 +162,7 @@ def _planned_sweep(
 def _sweep_design(
     candidate: PlannedSweep, laws: tuple[str, ...], noise: ResponseNoise, longest: int
 ) -> Design:
-    """Return a planned sweep as data for the model, with a mask that leaves the padding out."""
+    """Return a planned sweep as data for the model, with a mask that excludes the padding."""
     planned = _planned_sweep(candidate, laws, noise.response, longest)
     groups = changed(planned.groups, noise_std=np.full(1, noise.std))
     is_measured = np.arange(planned.mean.shape[1]) < candidate.num_samples
@@ -172,7 +172,7 @@ def _sweep_design(
 def _tones_designs(
     candidate: PlannedTones, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Return the peak displacement [m] and the harmonics to measure in steady tones, by joint."""
+    """Return, for each joint, the peak displacement [m] and planned harmonics of steady tones."""
     omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
     phase = jnp.linspace(0.0, 2 * np.pi, NUM_PHASES, endpoint=False)
     y_peak, designs = [], []
@@ -191,7 +191,7 @@ def _tones_designs(
 def _backbone_designs(
     candidate: PlannedBackbone, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
-    """Return the peak displacement [m] and the points to measure at phase resonance, by joint."""
+    """Return, for each joint, the peak displacement [m] and planned points of a backbone."""
     amplitudes = np.array(candidate.amplitudes)
     designs = []
     for theta in beliefs.joint_by_joint():
@@ -210,7 +210,7 @@ def fisher(
     data: Dataset,
     is_measured: Float[np.ndarray, " value"],
 ) -> Float[np.ndarray, "joint parameter parameter"]:
-    r"""Return a test's Fisher information on relative changes of the parameters, for every joint.
+    r"""Return, for each joint, a test's Fisher information on relative changes of the parameters.
 
     $$F = J^T J, \qquad J = \partial r / \partial x, \qquad \theta_i = \theta_{0,i} + s_i x_i$$
 

@@ -22,15 +22,15 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
 
 CONSTANTS = tuple(quantity.name for quantity in CONSTANT_TERMS)
 TERMS = tuple(quantity.name for quantity in RESIDUAL_TERMS)
-TERMS_KEY = 3  # added to the seed here, so that random numbers of other draws stay the same
-# relative difference up to which two torques count as equal: they are stated with three digits
+TERMS_KEY = 3  # number that is added to the seed here, so that other random numbers stay the same
+# relative difference up to which two torques count as equal, because three digits are stated
 SAME_TORQUE = 1e-3
 
 
 def new_terms(
     fleet: xr.DataTree, rng: np.random.Generator, num: int
 ) -> dict[str, Float[np.ndarray, " unit"]]:
-    r"""Draw residual constants of `num` new units: the contribution of other modes to responses.
+    r"""Draw residual constants of `num` new units, which represent the response of other modes.
 
     The constants may have either sign, so that their logarithms cannot be pooled. Given K units,
     each with constants c_k, those of a new unit are, by the normal theory of a mean and a
@@ -63,7 +63,7 @@ def new_terms(
 
 
 def terms_of(fleet: xr.DataTree) -> tuple[list[str], list[str]]:
-    """Return the residual terms that a new unit has, and the terms that only some units have."""
+    """Return the residual terms of a new unit, and the terms that only some units have."""
     held = [set(map(str, fleet[unit].data_vars)) & set(TERMS) for unit in unit_names(fleet)]
     every = [name for name in CONSTANTS if all(name in unit_terms for unit_terms in held)]
     return every, [name for name in TERMS if name not in every and any(name in o for o in held)]
@@ -77,7 +77,7 @@ def new_unit(
     seed: int = 0,
     num: int = NUM_UNITS,
 ) -> xr.DataTree:
-    """Return draws of new, unmeasured units in the form of a posterior of one run, for predictions.
+    """Return draws of new, unmeasured units in the form of one run's posterior, for predictions.
 
     The variation between runs is that within the units, and the noise is the mean over the tests of
     all units. The fitted range ends at the smallest of the units' largest displacements. Constant
@@ -111,7 +111,7 @@ def new_prediction(
     gain: float | None = None,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Predict any test of a new unit: bands from the variation between units and its uncertainty.
+    """Predict any test of a new unit; its bands include the variation between units.
 
     Args:
         population: A population from `jbw.population_of`.
@@ -151,7 +151,7 @@ def new_prediction(
 
 
 def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
-    """Return the attributes of new units that `basis_of` reads to predict tests.
+    """Return the attributes of new units that predictions need.
 
     `basis_of` reads them; tests are those of all measured units, not of the new unit.
     """
@@ -178,7 +178,7 @@ def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> 
 
 
 def torque_of(population: Population, torque: float | None) -> float | None:
-    """Return a new unit's torque [N m]: the given one, the reference, or that of all units."""
+    """Return a new unit's torque [N m]: the given, the reference or the common torque."""
     found = population.result
     stated = {unit_torque for unit_torque in found.torque if unit_torque is not None}
     common = stated.pop() if len(stated) == 1 else None
@@ -186,7 +186,7 @@ def torque_of(population: Population, torque: float | None) -> float | None:
 
 
 def _noise(fleet: xr.DataTree) -> tuple[list[str], np.ndarray]:
-    """Return the noise of every data group of all units, with the unit's name before its label."""
+    """Return the noise of all units' data groups; a unit's name precedes the group's label."""
     labels, values = [], []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()
@@ -202,7 +202,7 @@ def holds_population(folder: Path) -> bool:
 
 
 def basis_of_population(folder: Path) -> Basis:
-    """Return the draws and settings that predict new units of the population in a folder.
+    """Return the inputs of predictions of new units, from the population in a folder.
 
     Raises:
         DataError: The folder contains no complete population.
@@ -219,7 +219,7 @@ def basis_of_population(folder: Path) -> Basis:
 
 
 def require_same_torque(folder: Path, torque: float | None) -> float | None:
-    """Return a population's torque [N m]; raise an error if the tests have another torque.
+    """Return the torque [N m] of a stored population; raise an error if the tests have another.
 
     The result is None where the folder contains no population, or one without a torque.
     """

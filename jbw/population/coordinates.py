@@ -16,16 +16,17 @@ from jbw.population.unit import GAIN
 
 STRUCTURE = ("omega_n", "zeta")
 NUM_KEPT = 400  # number of draws per unit, evenly spaced among all of its draws
-# A unit is not pooled if more than this part of its posterior lies beyond the prior's bounds.
+# A unit is not pooled if more than this fraction of its posterior lies beyond the prior's bounds.
 CUT = 0.01
-# largest sd of a logarithm for which a unit determines a coordinate beyond its law's products
+# largest standard deviation of a logarithm for which a unit determines a coordinate in addition to
+# its law's products
 KNOWN = 0.2
 
 Rows = Float[np.ndarray, "coordinate parameter"]
 
 
 class Pooled(NamedTuple):
-    """The pooled coordinates of a fleet, with each unit's mean and covariance in them.
+    """The quantities in which a fleet is pooled, with each unit's mean and covariance in them.
 
     Attributes:
         names: Coordinates, whose logarithms have the population's distribution.
@@ -57,7 +58,7 @@ def parameters_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
-    """Return a fleet's pooled coordinates: named ones, or those that every unit determines.
+    """Return a fleet's pooled quantities: named ones, or all that every unit determines.
 
     The usual coordinates of a law are its products, which the data determine where parameters
     trade; the parameters that are in no product; and further coordinates where every unit
@@ -92,7 +93,7 @@ def laws_of(fleet: xr.DataTree) -> tuple[str, ...]:
 
 
 def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
-    """Return the parameters' exponents in each product and coordinate of some laws."""
+    """Return the exponents of the parameters in each product and coordinate of given laws."""
     return {
         monomial.name: monomial.powers
         for law in laws_named(laws)
@@ -104,7 +105,7 @@ def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
 
 
 def rows_of(laws: Sequence[str], names: Sequence[str], parameters: Sequence[str]) -> Rows:
-    """Return the parameters' exponents in the named quantities, one row per quantity."""
+    """Return the exponents of the parameters in each named quantity, as rows of a matrix."""
     powers = monomials_of(laws)
     rows = [
         [powers.get(name, {name: 1}).get(parameter, 0) for parameter in parameters]
@@ -127,7 +128,7 @@ def _usual(fleet: xr.DataTree, parameters: Sequence[str]) -> list[str]:
 
 
 def _independent_of(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str]) -> Iterator[str]:
-    """Yield further coordinates of the laws that are independent of given ones."""
+    """Yield coordinates of the laws that are independent of the given ones and of each other."""
     for name in monomials_of(laws_of(fleet)):
         longer = np.concatenate([powers, rows_of(laws_of(fleet), [name], parameters)])
         if np.linalg.matrix_rank(longer) > np.linalg.matrix_rank(powers):
@@ -163,7 +164,7 @@ def _require_whole(fleet: xr.DataTree, name: str) -> None:
 
 
 def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], Any]:
-    r"""Return the part of each unit's posterior that a prior cuts off, and that prior's parameter.
+    r"""Return the fraction of each unit's posterior that a prior cuts off, and that prior's name.
 
     For a quantity that was not sampled itself, it is the part cut from each sampled parameter,
     times the share $\rho^2$ of the quantity's variance that this parameter explains. A product is
@@ -190,7 +191,7 @@ def _identifiable_of(law: type[Law]) -> list[str]:
 
 
 def units_of_fleet(fleet: xr.DataTree, pooled_coordinates: Pooled) -> UnitPosteriors:
-    r"""Return the posteriors of all units of a fleet in its pooled coordinates.
+    r"""Return the posteriors of all units of a fleet, expressed in its pooled quantities.
 
     A run's prior is uniform in the sampled parameters, so that over their logarithms its density is
     their product. A normal summary is freed from it in closed form, over the logarithms of all

@@ -24,7 +24,7 @@ class Covariates(NamedTuple):
 def covariates_of(
     assemblies: Mapping[str, Mapping[str, Any]], overrides: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Covariates]:
-    """Return each run's covariates from its stated assembly; given values take precedence."""
+    """Return each run's covariates from its stated assembly; `overrides` take precedence."""
     for run in overrides:
         if run not in assemblies:
             raise ConfigError(
@@ -68,7 +68,7 @@ def _number(run: str, name: str, value: Any) -> float:
 
 
 def require_torque_of_all(stated: Mapping[str, Covariates]) -> None:
-    """Raise an error if some units state a torque and others do not."""
+    """Raise an error if only some of the units state a torque."""
     lacking = [run for run, covariates in stated.items() if covariates.torque != covariates.torque]
     if lacking and len(lacking) < len(stated):
         raise DataError(
@@ -81,7 +81,7 @@ def require_torque_of_all(stated: Mapping[str, Covariates]) -> None:
 
 
 def read_covariates(path: Path) -> dict[str, dict[str, str]]:
-    """Read covariates by run from a CSV file with a column `run` and any covariate names.
+    """Read the covariates of runs from a CSV file with a column `run` and columns of covariates.
 
     Raises:
         ConfigError: The file or its column `run` does not exist, or a run occurs twice.

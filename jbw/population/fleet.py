@@ -77,7 +77,7 @@ from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.study import Study
 
 FORMAT = 1
-FEWEST = 2  # fewest units between which a variation can be estimated
+FEWEST = 2  # smallest number of units between which a variation can be estimated
 ABOUT = {
     "torque": {"units": "N m", "long_name": "tightening torque"},
     "sequence": {"units": "1", "long_name": "number of the tightening"},
@@ -91,7 +91,7 @@ def fleet_of(
     covariates: Mapping[str, Mapping[str, Any]] | None = None,
     mixed_versions: bool = False,
 ) -> xr.DataTree:
-    """Return the draws of several finished runs with their covariates, as this module describes.
+    """Return the draws of several finished runs, one per unit, with their covariates.
 
     Args:
         runs: Folders of finished runs, or results of `jbw.identify` and `jbw.load_study`; one per
@@ -157,7 +157,7 @@ def read_fleet(path: str | Path) -> xr.DataTree:
 
 
 def write_fleet(path: str | Path, fleet: xr.DataTree) -> None:
-    """Write a fleet to one NetCDF file, completely or not at all.
+    """Write a fleet to one NetCDF file; after an error, no incomplete file remains.
 
     Examples:
         A fleet is kept in one file:
@@ -242,7 +242,7 @@ def _words(texts: Iterable[str]) -> Any:
 
 
 def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
-    """Return the quantities that are positive in every unit of a fleet, and all others."""
+    """Return the quantities that are positive in every unit, and the others with their units."""
     every = dict.fromkeys(name for unit in units for name in unit.draws)
     lacking = {
         name: [u.name for u in units if name not in u.draws or not np.all(u.draws[name] > 0)]
@@ -252,13 +252,13 @@ def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
 
 
 def _log_bounds(unit: Unit, name: str) -> tuple[float, float]:
-    """Return logarithms of the prior's bounds: -inf for a bound of 0, NaN without a prior."""
+    """Return the logarithms of the prior's bounds: -inf for a bound of 0, NaN without a prior."""
     lower, upper = unit.bounds.get(name, (np.nan, np.nan))
     return float(np.log(lower)) if not lower <= 0 else -np.inf, float(np.log(upper))
 
 
 def beyond(unit: Unit, name: str) -> float:
-    """Return the probability beyond the prior's bounds of a Gaussian with the draws' mean and sd.
+    """Return how much of a Gaussian with the draws' mean and sd lies beyond the prior's bounds.
 
     A posterior that the box does not affect has next to none there; one that is cut at its mode,
     half a Gaussian, has 9 %; one that is flat up to a bound has 4 %. NaN where not sampled.

@@ -34,15 +34,16 @@ from jbw.population.prior import ALIKE, TORQUE, CovariateDesign, Prior
 from jbw.population.trend import SPREAD, expected
 
 FULL = (500, 1000, 2)  # numbers of warm-up steps, draws and chains of NUTS
-ROUGH = (300, 200, 1)  # the same numbers, for a first estimate of the variation between units
-# target acceptance of NUTS: high, as the density curves near small tau and correlations near 1
+ROUGH = (300, 200, 1)  # the same numbers for a first estimate of the variation between units
+# target acceptance rate of NUTS: high, because the density is strongly curved near small tau and
+# correlations near 1
 ACCEPTED = 0.98
-# concentration of the LKJ prior of the correlations; above 1 it prefers zero correlation
+# concentration of the LKJ prior of the correlations; a value above 1 favours zero correlation
 EVEN = 2.0
 
 
 class UnitPosteriors(NamedTuple):
-    """The posteriors of all units in the pooled coordinates.
+    """The posteriors of all units, expressed in the pooled quantities.
 
     Attributes:
         mean: Mean of each unit's posterior, without the prior of its run.
@@ -62,7 +63,7 @@ class UnitPosteriors(NamedTuple):
 def population_model(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, included: Any
 ) -> None:
-    """Define the NumPyro model of a population, marginal over its units.
+    """Define the NumPyro model of a population, with the units' own parameters integrated out.
 
     `included` is 1 for each unit that counts, otherwise 0.
     """
@@ -74,7 +75,7 @@ def population_model(
 def population_of_units(
     design: CovariateDesign, prior: Prior
 ) -> tuple[Float[Array, "unit d"], Float[Array, "d d"]]:
-    """Sample a population's parameters in NumPyro; return units' means and the covariance's root.
+    """Sample a population in NumPyro; return the units' means and the covariance's Cholesky root.
 
     The sites are `line` (d, covariate), `tau`, `root` (the Cholesky root of the correlations) and,
     where a coordinate saturates, `u`.
@@ -97,7 +98,7 @@ def population_of_units(
 def log_likelihoods(
     units: UnitPosteriors, means: Float[Array, "unit d"], factor: Float[Array, "d d"]
 ) -> Float[Array, " unit"]:
-    """Return each unit's log likelihood under parameters of the population, up to a constant."""
+    """Return each unit's log likelihood for a given population, up to a constant."""
     normal, weighed = np.flatnonzero(~units.weighed), np.flatnonzero(units.weighed)
     log_density = jnp.zeros(len(units.mean))
     if len(normal):
@@ -115,9 +116,9 @@ def log_weights(
     means: Float[Array, "unit d"],
     factor: Any,
 ) -> Float[Array, "which draw"]:
-    """Return a unit's log weights of draws, given population means and the covariance's root."""
+    """Return log weights of the units' draws, given the units' means and the covariance's root."""
     apart = jnp.asarray(units.draws[which]) - means[which][:, None]
-    # One small inverse for all draws is thirty times faster than a solution for every draw.
+    # One small inverse for all draws is thirty times faster than one solution per draw.
     root = jax.scipy.linalg.solve_triangular(factor, jnp.eye(len(factor)), lower=True)
     squares = jnp.sum((apart @ root.T) ** 2, axis=-1)
     log_det = jnp.sum(jnp.log(jnp.abs(jnp.diagonal(root))))
@@ -148,7 +149,7 @@ def sampler(
 
 
 def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarray]:
-    """Draw the parameters of a population by MCMC, and divergences, with axes (chain, draw)."""
+    """Draw the parameters of a population by MCMC, with divergences, as arrays (chain, draw)."""
     mcmc.run(key, *args, extra_fields=("diverging",))
     sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
     diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])

@@ -36,12 +36,12 @@ from jbw.study.study import Study
 
 logger = logging.getLogger("jbw")
 NUM_WARMUP, NUM_SAMPLES = 500, 1000
-# smallest lower bound relative to the upper one, where the prior's lower bound is zero
+# smallest lower bound relative to the upper one, if the prior's lower bound is zero
 LEAST = 1e-6
 
 
 class MeasuredUnit(NamedTuple):
-    """One unit with its records and the scale of its posterior.
+    """One unit with its records, and with the scale of its posterior.
 
     Attributes:
         data: Records, as prepared for the unit's own posterior.
@@ -72,7 +72,7 @@ def one_stage(
     seed: int = 0,
     report: Callable[[str], Any] = logger.info,
 ) -> dict[str, np.ndarray]:
-    """Draw a population's parameters from all records of a small fleet in one stage.
+    """Draw the population of a small fleet from all records at once, in a single stage.
 
     The draws are `line`, `tau` and `scatter`, with axes (chain, draw).
 
@@ -110,7 +110,7 @@ def one_stage(
 
 
 def measured_units(studies: Sequence[Study], population: Population) -> list[MeasuredUnit]:
-    """Return every unit of a fleet with its records and the scale of its posterior."""
+    """Return every unit of a fleet with its records and the scale of the unit's posterior."""
     if len(studies) != (num_units := len(population.result.units)):
         raise ConfigError(
             f"Argument `studies` must hold the {num_units} units of the "
@@ -121,7 +121,7 @@ def measured_units(studies: Sequence[Study], population: Population) -> list[Mea
 
 
 def joint_model(units: Sequence[MeasuredUnit], population: Population) -> None:
-    """Define the NumPyro model of a population together with the records of its units.
+    """Define the NumPyro model of a population together with all records of its units.
 
     `z_k` is a unit's parameters in the scale of its own posterior.
     """
@@ -172,7 +172,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
 def _powers(
     population: Population, laws: Sequence[str], names: Sequence[str]
 ) -> Float[np.ndarray, "d parameter"]:
-    """Return the exponents of pooled quantities as products of powers of sampled parameters."""
+    """Return the exponents of the sampled parameters in each pooled quantity."""
     pooled = population.pooled
     sampled = rows_of(laws, names, pooled.parameters)
     powers = pooled.powers @ np.linalg.pinv(sampled)

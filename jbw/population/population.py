@@ -64,32 +64,34 @@ from jbw.results.population import StoredPopulation
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
-HEAVY = 0.7  # Weights of draws are unreliable if Pareto's k-hat is larger.
-# If a unit belongs with more than this probability, it is not examined further. A unit that is far
-# off in one coordinate enlarges T itself, and so lies at chi-square = d - 1 + n, which has a
-# probability of 0.2 or less.
+HEAVY = 0.7  # Weights of draws are unreliable if their Pareto k-hat exceeds this.
+# If the probability that a unit belongs exceeds this, the unit is not examined further. A unit that
+# is far off in one coordinate enlarges the covariance T itself, and so lies at chi-square = d - 1 +
+# n, which has a probability of 0.2 or less.
 BEYOND_DOUBT = 0.3
-# If a unit belongs with less than this probability, the population without it is sampled again,
-# even if k-hat is small: chains that missed the tail do not show in k-hat.
+# If the probability that a unit belongs is below this, the population without it is sampled again
+# even if k-hat is small: k-hat does not show that chains have missed a tail.
 DOUBTFUL = 0.05
-# numbers of warm-up steps, draws and chains for a population without one unit
+# numbers of warm-up steps, draws and chains for a population from which one unit is omitted
 LENGTHS = (500, 1000, 1)
-BATCH = 20  # number of draws that are computed at once
-FEWEST = 3  # With fewer units, the variation between them is mostly determined by its prior.
-# With fewer degrees of freedom, the interval of a trend is mostly determined by its prior.
+BATCH = 20  # number of draws in one compiled computation
+FEWEST = 3  # With fewer units than this, mostly the prior determines the variation between them.
+# With fewer degrees of freedom than this, mostly the prior determines the interval of a trend.
 FEWEST_FREE = 3
 GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.002
 Draws = dict[str, np.ndarray]
-ODD = 0.01  # A unit does not belong if its p-value, times the number of units, is below this.
-# Ratio of a unit's own sd to the variation between units above which its posterior is replaced by a
-# Gaussian.
+# A unit does not belong if its p-value, multiplied by the number of units, is below this.
+ODD = 0.01
+# If a unit's own standard deviation exceeds the variation between units by this factor, a Gaussian
+# replaces its posterior.
 OWN = 2.0
-# Correlation of torque and tightening number above which their effects cannot be separated.
+# If the correlation of torque and tightening number exceeds this, their effects cannot be
+# separated.
 TOGETHER = 0.95
 
 
 class Population(NamedTuple):
-    """The result of `population_of`: the draws of a population and its numbers.
+    """The result of `population_of`: draws of the population's parameters, and a summary.
 
     Attributes:
         pooled: The coordinates, with each unit's summary in them.
@@ -107,7 +109,7 @@ class Population(NamedTuple):
 
     @property
     def result(self) -> StoredPopulation:
-        """The content of `record` in types."""
+        """The content of `record` as a typed object."""
         return StoredPopulation.read(self.record)
 
 
@@ -197,7 +199,7 @@ def covariates_in(fleet: xr.DataTree) -> CovariateDesign:
 
 
 def require_torque(design: CovariateDesign, torque: float | None) -> None:
-    """Raise an error if a torque is given but the fleet shows no trend with torque."""
+    """Raise an error if a torque is given but the fleet has no trend with torque."""
     if torque is None:
         return
     if not torque > 0.0:
@@ -219,7 +221,7 @@ def belonging(
     report: Callable[[str], Any],
     parts: Parts = unkept,
 ) -> Float[np.ndarray, " unit"]:
-    """Return each unit's p-value of belonging to the population of the other units."""
+    """Return each unit's p-value for belonging to the population of all other units."""
     log_density, far = left_out(units, design, prior, draws)
     probability, doubted = np.zeros(len(units.mean)), []
     for k, unit_log_density in enumerate(log_density.T):
@@ -240,7 +242,7 @@ def belonging(
 def left_out(
     units: UnitPosteriors, design: CovariateDesign, prior: Prior, draws: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "draw unit"], Float[np.ndarray, "draw unit"]]:
-    """Return each unit's log density and tail probability, given the population of all others."""
+    """Return each unit's log density and tail probability in the population of all other units."""
     m, c = jnp.asarray(units.mean), jnp.asarray(units.cov)
     d = m.shape[1]
     before = jnp.asarray(precision_of(prior, design))
@@ -251,8 +253,8 @@ def left_out(
         apart = drawn["scatter"] + c
         weighed = jnp.swapaxes(rows, 1, 2) @ jnp.linalg.inv(apart)
         tells, pull = weighed @ rows, jnp.einsum("kij,kj->ki", weighed, m)
-        # Subtracting the unit's own part from the sums over all units gives the line without that
-        # unit.
+        # Subtract the unit's own contribution from the sums over all units, which gives the line
+        # without it.
         others = jnp.linalg.inv(before + tells.sum(0) - tells)
         line = jnp.einsum("kij,kj->ki", others, at_zero + pull.sum(0) - pull)
         off = m - jnp.einsum("kij,kj->ki", rows, line)
@@ -270,7 +272,7 @@ def left_out(
 def _design_rows(
     design: CovariateDesign, d: int, u: Array | None
 ) -> Float[Array, "unit d coefficient"]:
-    """Return the matrix from the line's coefficients to each unit's expected coordinates."""
+    """Return the matrix from the coefficients of the line to each unit's expected coordinates."""
     x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
     if u is not None:
         j = design.columns.index(TORQUE)
@@ -279,7 +281,7 @@ def _design_rows(
 
 
 class Pooling(NamedTuple):
-    """The draws of a population model, with the data and priors behind them."""
+    """The draws of a population model, with its data and priors."""
 
     pooled: Pooled
     units: UnitPosteriors
@@ -291,7 +293,7 @@ class Pooling(NamedTuple):
 def record_of(
     fleet: xr.DataTree, pooling: Pooling, belongs: Float[np.ndarray, " unit"]
 ) -> StoredPopulation:
-    """Return all results of a population.
+    """Return all results of a population as a record.
 
     `belongs` is the result of `belonging`.
     """
@@ -320,7 +322,7 @@ def record_of(
 
 
 def own_over_scatter(pooled: Pooled, draws: Draws) -> Float[np.ndarray, "unit d"]:
-    """Return the ratio of each unit's own standard deviation to the variation between units."""
+    """Return each unit's own standard deviation, divided by the variation between units."""
     unit_sd = np.sqrt(np.diagonal(pooled.cov, axis1=1, axis2=2))
     return unit_sd / np.median(draws["tau"], axis=(0, 1))
 
@@ -334,7 +336,7 @@ def interval(values: np.ndarray) -> dict[str, float]:
 def _rows(
     fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, draws: Draws
 ) -> dict[str, dict[str, Any]]:
-    """Return a population's table: mean, variation and exponents of each coordinate."""
+    """Return a population's table, one row per coordinate: mean, variation and exponents."""
     units, symbols = (json.loads(fleet.attrs[key]) for key in ("units", "symbols"))
     line, tau = draws["line"], draws["tau"]
     ratio = own_over_scatter(pooled, draws).max(axis=0)
@@ -380,7 +382,7 @@ def _ratios(
 def _shares(
     units: UnitPosteriors, design: CovariateDesign, draws: Draws, names: list[str]
 ) -> dict[str, float]:
-    r"""Return the Kish share of each weighted unit's draws, $(\sum w)^2 / (S \sum w^2)$.
+    r"""Return the effective share of each unit's weighted draws, $(\sum w)^2 / (S \sum w^2)$.
 
     The weights are those under the median of the population.
     """
@@ -395,14 +397,14 @@ def _shares(
 
 
 def _correlation(design: CovariateDesign) -> float | None:
-    """Return the correlation of ln torque and ln tightening number over units, if both vary."""
+    """Return the correlation of ln torque and ln tightening number between units, if both vary."""
     if len(design.columns) < 3:
         return None
     return float(np.corrcoef(design.x[:, 1], design.x[:, 2])[0, 1])
 
 
 def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:
-    """Return parameters that in some units are not positive or not known, and the units."""
+    """Return parameters that are not positive or unknown in some units, with these units."""
     lacking = json.loads(fleet.attrs["left_out"])
     return {n: lacking[n] for n in parameters_of(fleet) if n in lacking and n != GAIN}
 
@@ -435,7 +437,7 @@ def status_of(record: StoredPopulation) -> str:
 
 
 def statements(record: StoredPopulation) -> list[str]:
-    """Return the sentences on a population: first its reliability, then its results."""
+    """Return the sentences on a population: its reliability first, then its results."""
     topics = (
         _few_units, _failed, _confounded, _without_logarithm, _trends, _ratio_trends, _runs, _odd,
         _stands, _weak, _saturates, _wrench,
@@ -517,7 +519,7 @@ def _saturates(record: StoredPopulation) -> Iterator[str]:
 
 
 def _wrench(record: StoredPopulation) -> Iterator[str]:
-    """Yield the sentence on errors of a trend from the uncertainty of the set or read torque."""
+    """Yield the sentence on how the uncertainty of the torque itself affects a trend."""
     slopes = ((name, row.slope_torque) for name, row in record.parameters.items())
     medians = {name: abs(slope.median) for name, slope in slopes if slope is not None}
     if not record.has_trend or not medians:

@@ -20,7 +20,7 @@ NUM_AMPLITUDES = 40
 def new_coordinates(
     population: Population, torque: float | None, rng: np.random.Generator, num: int = NUM_UNITS
 ) -> Float[np.ndarray, "unit d"]:
-    r"""Draw logarithms of new units' pooled coordinates, $\varphi = B x + L_T \epsilon$."""
+    r"""Draw logarithms of new units' pooled quantities, $\varphi = B x + L_T \epsilon$."""
     require_torque(population.design, torque)
     flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in population.draws.items() if n != "diverging"}
     some = rng.integers(len(flat["tau"]), size=num)
@@ -39,7 +39,7 @@ def new_units(
     seed: int = 0,
     num: int = NUM_UNITS,
 ) -> dict[str, Float[np.ndarray, " unit"]]:
-    r"""Return the parameters of new units, at a torque [N m] or at the reference torque.
+    r"""Return draws of the parameters of new units, at a torque [N m] or the reference torque.
 
     The pooled coordinates may be fewer than the parameters: products, where data do not determine
     the factors. A draw of a measured unit is moved by the least step, in logarithms, that gives it
@@ -95,7 +95,7 @@ def new_units(
 
 
 def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
-    """Return draws of each unit's source gain, inferred or known; None if one unit has none."""
+    """Return draws of each unit's source gain; None if a unit has no gain."""
     gains = []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()
@@ -107,7 +107,7 @@ def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
 
 
 def y_peak_of(fleet: xr.DataTree) -> float:
-    """Return the displacement [m] that the tests of all units reach; NaN if no unit states it."""
+    """Return the displacement [m] that all units' tests reach; NaN if no unit states it."""
     peaks = np.array([fleet[name].attrs.get("y_peak", np.nan) for name in unit_names(fleet)], float)
     return float(np.min(peaks[np.isfinite(peaks)], initial=np.inf)) if np.any(peaks > 0) else np.nan
 

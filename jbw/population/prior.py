@@ -10,25 +10,29 @@ from jaxtyping import Bool, Float
 from jbw.errors import DataError
 
 TORQUE = "torque"
-ANYWHERE = 5.0  # prior sd of the mean of a logarithm over all units: wide
-# Prior of a logarithm: the scale of the half-normal sd between units, and mean and sd of its slope
-# on ln torque. Slip limits rise with the preload, and contact stiffness with its square root or
-# faster. The slipping part and its loss therefore fall with torque to about the power 1; the
-# frequency hardly rises.
+ANYWHERE = 5.0  # prior sd of the mean of a logarithm over all units, so wide that it has no effect
+# Priors of a logarithm: scale of the half-normal standard deviation between units, and mean and
+# standard deviation of its slope on ln torque. Slip limits rise with the preload, and contact
+# stiffness rises with the square root of the preload or faster. The slipping part and its loss
+# therefore fall with torque to about the power 1; the frequency hardly rises.
 SCATTER = {"omega_n": 5e-3, "zeta": 0.3}
 SLOPE = {"omega_n": (0.0, 0.05), "zeta": (0.0, 0.5)}
 JOINT_SCATTER, JOINT_SLOPE = 0.5, (-1.0, 1.0)
-# The same for other parameters of a law, whose trend may have either sign, by the load path.
+# Mean and standard deviation of the slope for other parameters of a law, whose trend may have
+# either sign.
 PARAMETER_SLOPE = (0.0, 1.0)
-# prior sd of a slope on ln of the tightening number, relative to the variation between units
+# prior standard deviation of a slope on ln of the tightening number, relative to the variation
+# between units
 BEDDING = 0.3
-# prior sd of the difference between the slopes of two products of the same unit (gamma/delta)
+# prior standard deviation of the difference between the slopes of two products that have the same
+# unit of measure (gamma/delta)
 ALIKE = 0.3
-WRENCH = 0.1  # sd of ln preload at a given torque when bolts are tightened by torque control
+# standard deviation of ln preload at a given torque, if bolts are tightened by torque control
+WRENCH = 0.1
 
 
 class Prior(NamedTuple):
-    """The priors of every pooled coordinate.
+    """The priors of all pooled quantities.
 
     Attributes:
         mean: Prior means of the line's coefficients.
@@ -45,7 +49,7 @@ class Prior(NamedTuple):
 
 
 class CovariateDesign(NamedTuple):
-    """The covariates of the units, as columns next to a column of ones.
+    """The covariates of the units as columns, together with a column of ones.
 
     Attributes:
         columns: Names of the columns: `mean`, then `torque` and `sequence`, as far as they vary.
@@ -70,7 +74,7 @@ class CovariateDesign(NamedTuple):
 
 
 def design_of(torque: Sequence[float], sequence: Sequence[float]) -> CovariateDesign:
-    """Return the columns of those covariates, as logarithms, that vary between the units."""
+    """Return columns of logarithms of those covariates that vary between the units."""
     columns, x, reference = ["mean"], [np.ones(len(torque))], np.nan
     for name, values in ((TORQUE, np.asarray(torque)), ("sequence", np.asarray(sequence))):
         if np.isnan(values).all() or np.ptp(values[~np.isnan(values)]) == 0.0:
@@ -95,7 +99,7 @@ def prior_of(
     mean: Float[np.ndarray, "unit d"],
     design: CovariateDesign,
 ) -> Prior:
-    """Return the priors of a population from knowledge of joints; that of the mean is wide.
+    """Return a population's priors, from general knowledge of joints; the mean's prior is wide.
 
     Args:
         names: Names of the coordinates.
@@ -124,7 +128,7 @@ def prior_of(
 def precision_of(
     prior: Prior, design: CovariateDesign
 ) -> Float[np.ndarray, "coefficient coefficient"]:
-    """Return the prior precision of the coefficients of a population's line."""
+    """Return the prior precision of the coefficients of a population's trend line."""
     d, p = prior.sd.shape
     precision = np.diag(np.ravel(prior.sd) ** -2.0)
     if TORQUE in design.columns:

@@ -17,21 +17,22 @@ from jaxtyping import Array, Bool, Float
 from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.population.prior import TORQUE, CovariateDesign
 
-# prior sd of ln(T_0/T_ref): over 2 to 12 N m, T_0 = 3 T_ref differs from a power law by 3 %
+# prior standard deviation of ln(T_0/T_ref), where T_0 is the saturation torque; over 2 to 12 N m,
+# T_0 = 3 T_ref differs from a power law by 3 %
 SPREAD = 0.7
 
 Reals = Float[Array, "..."] | Float[np.ndarray, "..."]
 
 
 def saturating(ratio: Reals, u: Reals) -> Float[Array, "..."]:
-    """Return the saturating curve at T/T_ref = `ratio`; at 1 it is zero with slope 1 on ln T."""
+    """Return the saturating curve at T/T_ref = `ratio`; at 1 it is 0, with slope 1 against ln T."""
     return jnp.asarray(u * (1.0 - jnp.exp((1.0 - ratio) / u)))
 
 
 def expected(
     line: Reals, x: Reals, design: CovariateDesign, u: Reals | None
 ) -> Float[Array, "... unit d"]:
-    """Return the population's expected coordinates of units at their covariates.
+    """Return the units' expected coordinates at their covariates, according to the population.
 
     Args:
         line: Coefficients, with axes (..., d, covariate).
@@ -48,14 +49,14 @@ def expected(
 
 
 def bent(log_ratio: Reals, u: Reals) -> Float[Array, "..."]:
-    """Return the saturating curve minus the power law with slope 1, at ln(T/T_ref)."""
+    """Return the saturating curve minus a power law of slope 1, at given ln(T/T_ref)."""
     return saturating(jnp.exp(jnp.asarray(log_ratio)), u) - jnp.asarray(log_ratio)
 
 
 def mask_of(
     saturating: Sequence[str], names: Sequence[str], columns: Sequence[str]
 ) -> Bool[np.ndarray, " d"]:
-    """Return a mask of the coordinates that saturate, from their names."""
+    """Return a mask of the coordinates that saturate with torque, from their names."""
     for name in saturating:
         if name not in names:
             raise ConfigError(

@@ -21,13 +21,13 @@ from jbw.results.run import RunSummary
 from jbw.study.study import Study
 from jbw.verification.predicted import noise_by_label
 
-GAIN = "gain"  # name of the source's gain, which is no property of the joint
+GAIN = "gain"  # name of the source's gain, which is not a property of the joint
 NOISE = "noise"
-# beginnings of names of the attributes that predictions by a run need
+# first parts of the names of attributes that predictions need
 STARTS = ("tests", "substeps", "scatter")
-# number of parent folders by which a unit is named at most, if the folder's name is not unique
+# largest number of parent folders in a unit's name, if its folder's name is not unique
 DEEPEST = 3
-# names that the variables of a fleet have themselves, so that no unit can have them
+# names of a fleet's own variables, which no unit may have
 TAKEN = set(
     "torque sequence temperature assembly verdict sampling num_draws ess mean covariance lower "
     "upper beyond run_scatter unit parameter other".split()
@@ -44,7 +44,8 @@ class Unit(NamedTuple):
     quantities: Mapping[str, Quantity]  # unit, symbol and meaning of each quantity
     # lower and upper bound of the uniform prior of each sampled parameter
     bounds: Mapping[str, tuple[float, float]]
-    scatter: Mapping[str, float]  # sd over runs within the unit, relative to the mean
+    # standard deviation between runs within the unit, relative to the mean
+    scatter: Mapping[str, float]
     summary: RunSummary
     # Campaign, folder, source, largest fitted displacement y_peak [m], settings of predictions.
     origin: Mapping[str, Any]
@@ -61,7 +62,7 @@ class Unit(NamedTuple):
 
 
 def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
-    """Return every run as a unit with a unique name: that of its folder."""
+    """Return every run as a unit; its unique name comes from its folder."""
     folders = [None if isinstance(run, Study) else Path(run).resolve() for run in runs]
     for folder in folders:
         if folder is not None and folders.count(folder) > 1:
@@ -77,7 +78,7 @@ def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
 
 
 def _names(folders: Sequence[Path | None], campaigns: Sequence[str]) -> list[str]:
-    """Return a unique name for each run, from its folder and parents, or its campaign."""
+    """Return a unique name for each run, from its folder and parent folders, or its campaign."""
     names: list[str] = []
     for depth in range(1, DEEPEST + 1):
         names = [
@@ -156,9 +157,9 @@ def _gain(
 def _quantities(
     posterior: xr.Dataset, laws: Sequence[str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
-    """Return a run's draws of parameters, products and other coordinates, with their units."""
+    """Return a run's draws of parameters, products and other coordinates, with descriptions."""
     by_name = {quantity.name: quantity for quantity in (*OSCILLATOR, *quantities_of(laws))}
-    # The gain comes last, since it belongs to the source and not to the joint.
+    # The gain comes last, because it belongs to the source and not to the joint.
     by_name[GAIN] = by_name.pop(GAIN)
     present = [name for name in by_name if name in posterior]
     draws = {name: np.ravel(posterior[name].values).astype(float) for name in present}
@@ -178,7 +179,7 @@ def _quantities(
 
 
 def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
-    """Raise an error if runs differ in laws, units or versions, or if two have the same records."""
+    """Raise an error if runs differ in laws, units or versions, or if two runs share records."""
     for first, second in pairwise(units):
         pair = f"The runs {first.name} and {second.name}"
         if first.laws != second.laws:
@@ -210,7 +211,7 @@ def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
 
 
 def _require_own_records(units: Sequence[Unit]) -> None:
-    """Raise an error if two runs have the same records, since one unit would count twice."""
+    """Raise an error if two runs have the same records, because one unit would count twice."""
     seen: dict[frozenset[str], str] = {}
     for unit in units:
         records = frozenset(unit.summary.inputs.values())

@@ -34,11 +34,11 @@ from jbw.rig.structure import first_mode_truth, law_of_mode, of_day
 
 @dataclass(frozen=True)
 class RigCampaign(Campaign):
-    """A campaign in memory, whose gain and modal mass the identification has to find."""
+    """A measured campaign in memory; the identification has to find its gain and modal mass."""
 
-    # The true parameters behind the data, for judging an identification and never for making one.
+    # The true parameters behind the data, only for judging an identification.
     truth: Mapping[str, Any] = field(default_factory=dict)
-    # For each test: the demanded signal of the source in each repeat [V or N], if the source is
+    # For each test, the demanded signal of the source in each repeat [V or N], if the source is
     # recorded.
     demands: Mapping[str, Sequence[NDArray[np.float64]]] = field(default_factory=dict, repr=False)
 
@@ -61,7 +61,7 @@ def measure(
     zeta_cv: float | None = None,
     fs: float = 1024.0,
 ) -> RigCampaign:
-    """Return a campaign measured on the virtual specimen; equal arguments give equal bits.
+    """Measure a campaign on the virtual specimen; equal arguments give bit-identical data.
 
     Every test has its own streams of random numbers, so a subset of the tests, or fewer repeats,
     gives the same records as the whole campaign. Repeat r of every test is taken on day r. With
@@ -150,14 +150,14 @@ def _truth_of(rig: Preset, joint: Joint) -> dict[str, Any]:
 def _settings(
     rig: Preset, plans: Sequence[Plan], conditions: Conditions, truth: Mapping[str, float]
 ) -> Identify:
-    """Return settings with held-out tests (middle sweep level, half of many repeats) and the prior.
+    """Return settings with the prior and held-out tests (middle sweep level, half of the repeats).
 
     The prior contains those bounds of Teloli et al. that include the specimen's true value.
     """
     sweeps = [plan for plan in plans if kind_named(plan.kind).is_transient]
     fitted = [kind for kind in rig.fit if kind in {plan.kind for plan in plans}]
     settings: dict[str, Any] = {"fit": fitted} if fitted else {}
-    # With an armature, levels have two different units.
+    # With an armature, tests have levels in two different units.
     if len(sweeps) >= 3 and rig.shapes is None:
         levels = [plan.excitation.level for plan in sweeps]
         settings["fit_levels"] = [min(levels), max(levels)]
@@ -173,7 +173,7 @@ def _settings(
 
 
 def write(campaign: RigCampaign, folder: str | Path) -> Path:
-    """Write the campaign's files; the campaign file is last and marks the folder complete.
+    """Write the campaign's files; the campaign file comes last and marks the folder as complete.
 
     A folder from an interrupted call is completed; equal campaigns give equal files, byte for byte.
     The path of `campaign.toml` is returned.
@@ -195,7 +195,8 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
                     channels = {"demand": demand, **record.channels}
                     units = {"demand": record.units[record.source], **record.units}
                     filed = replace(record, channels=channels, units=units)
-                # float32 represents the converters' 24 bits exactly; a curve has no converter.
+                # float32 represents 24-bit converter values exactly; a response curve has no
+                # converter.
                 dtype = np.float64 if np.isnan(record.fs) else np.float32
                 write_hdf5(folder / f"{record.name}.h5", filed, dtype=dtype)
         _write_text(folder / "truth.json", json.dumps(campaign.truth, indent=2) + "\n")

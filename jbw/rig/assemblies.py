@@ -52,7 +52,7 @@ class BeamSection(NamedTuple):
 
 @dataclass(frozen=True)
 class JointedModel:
-    """Matrices with joints, an input and outputs: everything that a reduction needs."""
+    """Matrices with joints, an input and outputs, as the reduction needs them."""
 
     model: MatrixModel
     joints: tuple[Joint, ...]
@@ -206,7 +206,7 @@ def plate_chain(
         nodes: list[Any] = [base * j + i for i in range(elements + 1)]
         deflections = nodes.copy()
         if j > 1:
-            # This deflection is shared with the previous plate.
+            # The previous plate has this deflection, too.
             deflections[0] = base * (j - 1) + elements
         mesh.add_beam(nodes, [length / elements] * elements, section, deflections)
         names.append((nodes[0], nodes[-1]))
@@ -223,7 +223,7 @@ def plate_chain(
 
 
 def _numbers_from(elements: int) -> int:
-    """Return the first node number of a member: 100, or a larger power of ten for many elements."""
+    """Return the first node number of a member: 100, or a larger power of ten if needed."""
     return 10 ** max(2, len(str(elements)))
 
 
@@ -259,7 +259,7 @@ class _Mesh:
         section: BeamSection,
         rotations: Mapping[int, str] | None = None,
     ) -> None:
-        """Add a plane frame element, whose ends may use other rotations than those of its nodes."""
+        """Add a plane frame element; its ends may have other rotations than the nodes."""
         along = np.subtract(at[second], at[first])
         length = float(np.hypot(*along))
         cosine, sine = along / length

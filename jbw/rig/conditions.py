@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from jbw.errors import ConfigError
 from jbw.rig.integrator import Specimen
 
-# Random stream of the joint's day-to-day variation; tests use the checksum of their names.
+# Random stream of the joint's day-to-day variation. The streams of tests are checksums of their
+# names.
 DAYS = 0xDA75
 
 
 @dataclass(frozen=True)
 class Conditions:
-    """The disturbances of the records: arguments of `jbw.rig.measure`."""
+    """The disturbances of the records, which are arguments of `jbw.rig.measure`."""
 
     seed: int
     fs: float
@@ -56,7 +57,7 @@ def specimen_of_days(specimen: Specimen, count: int, conditions: Conditions) -> 
 
 
 def _scatter(cv: float, e: float) -> float:
-    """Return the log-normal factor of mean 1 and coefficient of variation `cv`, from a normal e."""
+    """Return a log-normal factor with mean 1 and coefficient of variation `cv`, from a normal e."""
     variance = np.log1p(cv**2)
     return float(np.exp(np.sqrt(variance) * e - variance / 2.0))
 
@@ -86,7 +87,7 @@ def digitise(
     rng: np.random.Generator,
     channel: str = "channel",
 ) -> NDArray[np.float64]:
-    """Add noise and round to q round((x_n + sigma e_n) / q), with steps q = 2^(1 - b) x_full."""
+    """Add noise, then round to q round((x_n + sigma e_n) / q) with steps q = 2^(1 - b) x_full."""
     # If `full_scale` is a power of two, values of up to 24 bits are exact in float32.
     noisy = analog + noise_std * rng.standard_normal(analog.size)
     step = full_scale * 2.0 ** (1 - bits)

@@ -15,11 +15,11 @@ from jaxtyping import Array, Float
 MILLIMETRE = 1e-3  # displacement at which a power law is stated [m]
 
 Scalar = Float[Array, ""] | float
-Kept = Any  # internal state: a number or an array that is integrated
+Kept = Any  # internal state: a number or an array that is integrated over time
 
 
 class Force(eqx.Module):
-    """The force of one element of a joint per unit modal mass; the base class keeps no state."""
+    """The force of one element of a joint per unit modal mass; here without an internal state."""
 
     @property
     def stiffness(self) -> Scalar:
@@ -35,7 +35,7 @@ class Force(eqx.Module):
         return ()
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
-        """Correct a force's integrated internal state after a small step dy of displacement."""
+        """Correct the integrated internal state after a small step dy of displacement."""
         return after
 
     @abstractmethod
@@ -125,7 +125,7 @@ class WornForce(Force):
         return jnp.zeros(2)
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return the rates of the spring's stretch w and of the energy behind its damage [1/s]."""
+        """Return the rates of the spring's stretch w and of the energy that causes damage [1/s]."""
         w, energy = z
         s, nu = jnp.sign(v), 1.0 + self.bwbn_delta_nu * energy
         zeta_1 = self.bwbn_zeta_s * (1.0 - jnp.exp(-self.bwbn_p * energy))
@@ -143,7 +143,7 @@ class WornForce(Force):
 
 
 class SliderForces(Force):
-    """The force of parallel springs, each slipping at a limit, from the end of each step."""
+    """The force of parallel springs that slip at limits; it is updated at the end of each step."""
 
     springs: Float[Array, " slider"]  # stiffness of every slider [1/s^2]
     slips: Float[Array, " slider"]  # stretch at which each slider slips [m]
@@ -158,7 +158,7 @@ class SliderForces(Force):
         return 0.0 * self.springs
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return zero rates, because `settle` computes the slider forces."""
+        """Return zero rates, because `settle` updates the slider forces."""
         return 0.0 * z
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
@@ -219,7 +219,7 @@ class Drag(Force):
 
 
 class StopForce(Force):
-    """The force of springs that are met on both sides, at a displacement `gap` [m]."""
+    """The force of springs that are reached on both sides at a displacement `gap` [m]."""
 
     k: Scalar
     gap: Scalar
@@ -230,7 +230,7 @@ class StopForce(Force):
 
 
 class GapForce(Force):
-    """The force of Eq. (2) at nu = 1 behind a gap; its state is the force Z and the place s."""
+    """The force of Eq. (2) at nu = 1 behind a gap; its state is the force Z and the position s."""
 
     gap_stiffness: Scalar
     gap_softening: Scalar
@@ -242,11 +242,11 @@ class GapForce(Force):
         return 0.0, 0.0
 
     def rate(self, v: Scalar, z: Kept) -> Kept:
-        """Return zero rates, because `settle` computes the state."""
+        """Return zero rates, because `settle` updates the state."""
         return 0.0 * z[0], 0.0 * z[1]
 
     def settle(self, before: Kept, dy: Scalar, after: Kept) -> Kept:
-        """Advance by the midpoint rule in contact; after a release the rest of the step is free."""
+        """Advance by the midpoint rule in contact; after a release, let the element move freely."""
         z, s = before
 
         def slope(force: Scalar) -> Scalar:

@@ -56,7 +56,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Steps:
-    """A stepped sine, A cos(2 pi f (t - t_step)), with frequencies in sequence of whole periods."""
+    """A stepped sine, A cos(2 pi f (t - t_step)), with a whole number of periods per frequency."""
 
     frequencies_hz: tuple[float, ...]  # frequencies in sequence [Hz]
     level: float  # peak voltage A [V]
@@ -78,7 +78,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Noise:
-    """White noise up to the Nyquist frequency: equal lines of random phase, without repetition."""
+    """White noise up to the Nyquist frequency: equal spectral lines with random phases."""
 
     level: float  # rms voltage [V]
     duration: float  # length of the record [s]
@@ -87,7 +87,7 @@ class Noise:
 
 @dataclass(frozen=True)
 class Multisine:
-    """A repeated multisine: harmonics of one period in a band, of equal amplitude, random phase."""
+    """A repeated multisine: harmonics in a band, with equal amplitudes and random phases."""
 
     level: float  # rms voltage [V]
     period: float  # period, which is a whole number of samples [s]
@@ -122,7 +122,7 @@ def analog(
     lag: float = 0.0,
     distortion: float = 0.0,
 ) -> Voltage:
-    """Return the excitation at t_i = i / rate - lag; `distortion`: relative third harmonic."""
+    """Return the excitation at t_i = i / rate - lag, with a third harmonic (ratio `distortion`)."""
     if isinstance(excitation, Noise | Multisine):
         period = _period(excitation, phases, round(rate / fs), fs, lag * fs)
         return lambda i, j: period.take(np.arange(i, j), mode="wrap")
@@ -150,7 +150,7 @@ def draw_phases(excitation: Excitation, rng: np.random.Generator, fs: float) -> 
 def _period(
     excitation: Noise | Multisine, phases: Samples, factor: int, fs: float, lag_samples: float
 ) -> Samples:
-    """Return one period of noise or multisine at `factor` points per sample, by zero padding."""
+    """Return a period of noise or multisine at `factor` points per sample, by zero padding."""
     lines, num_points = np.arange(1, phases.size + 1), 2 * (phases.size + 1)
     if isinstance(excitation, Multisine):
         lines, num_points = excitation.lines, round(excitation.period * fs)

@@ -27,7 +27,8 @@ from jbw.rig.law_forces import forces_of
 
 SUBSTEPS = 16  # number of Runge-Kutta steps per sample
 GRID = 2 * SUBSTEPS  # number of force values per sample: at the ends and in the middle of each step
-# Samples per compiled call: limits the memory of the force and needs only one compilation.
+# Number of samples per compiled call. It limits the memory of the force, and one compilation is
+# enough.
 BLOCK = 16_384
 
 Parts = tuple[Any, ...]  # internal states of the rig's forces, which form the joint's memory
@@ -57,17 +58,17 @@ class Specimen(NamedTuple):
         return jnp.asarray(sum((force.exerted(y, v, z) for force, z in pairs), 0.0))
 
     def rates(self, v: Scalar, parts: Parts) -> Parts:
-        """Return the rates of the forces' internal states at a velocity."""
+        """Return the time derivatives of the forces' internal states at a velocity v."""
         return tuple(force.rate(v, z) for force, z in zip(self.forces, parts, strict=True))
 
     def state_rate(self, state: State, u: Scalar) -> State:
-        """Return the rate of the state (y, v, parts) under a force per unit mass u [N/kg]."""
+        """Return the time derivative of the state under a force per unit mass u [N/kg]."""
         y, v, parts = state
         a = u - 2 * self.zeta * self.omega_n * v - self.k * y
         return v, a - self.joint_force(y, v, parts), self.rates(v, parts)
 
     def settle(self, before: State, after: State) -> State:
-        """Return the corrected state (y, ..., parts) after a small step, from the one before it."""
+        """Return the state after a small step, with the forces' internal states corrected."""
         dy = after[0] - before[0]
         pairs = zip(self.forces, before[-1], after[-1], strict=True)
         return (*after[:-1], tuple(force.settle(was, dy, now) for force, was, now in pairs))
@@ -102,8 +103,8 @@ def runge_kutta(
     inputs: tuple[Array, Array, Array],
     h: Scalar,
 ) -> State:
-    """Take one classical Runge-Kutta step of h seconds; inputs at its start, middle and end."""
-    # `settle` corrects the part of a state that is not integrated, after a small step from `now`.
+    """Take one classical Runge-Kutta step of h seconds, given the inputs at start, middle, end."""
+    # `settle` corrects the internal states that are not integrated, after a small step from `now`.
 
     def moved(length: Scalar, slope: State) -> State:
         return settle(now, jax.tree.map(lambda x, s: x + length * s, now, slope))
@@ -124,7 +125,7 @@ def respond(
     num_samples: int,
     fs: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return displacement [m], velocity [m/s], joint force without spring k [N/kg], from rest."""
+    """Return displacement [m], velocity [m/s] and joint force [N/kg] of a motion from rest."""
     # `force(i, j)` is the analog force per unit mass at points i .. j - 1, `GRID` per sample
     # [N/kg].
     specimen = doubles(specimen_of(joint))
@@ -154,7 +155,7 @@ def integrated(
     *,
     block: int = BLOCK,
 ) -> list[NDArray[np.float64]]:
-    """Integrate a system from a state; return `seen` of state and source at each sample's start.
+    """Integrate a system in time; return the output `seen` of its state and source at each sample.
 
     The system has `state_rate` and `settle`; `source(i, j)` gives points i .. j - 1, `GRID` per
     sample.

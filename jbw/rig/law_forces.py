@@ -30,16 +30,17 @@ from jbw.rig.forces import (
     WornForce,
 )
 
-# For a continuous density of sliders; the width of the last is a hundredth of the largest slip.
+# Number of sliders that represent a continuous density; the last one covers a hundredth of the
+# largest slip.
 BINS = 300
-GRADING = 3  # Edges of the bins of slip limits are evenly spaced values to this power.
+GRADING = 3  # Edges of the bins of slip limits are evenly spaced numbers to this power.
 FARTHEST = 0.1  # slip limit of the last slider, for a density without an end [m]
 
 
 def jenkins(**theta: Scalar) -> list[Force]:
-    """Return sliders of stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 (to slip_1) [-], ..."""
+    """Return sliders from their stiffnesses, the first slip displacement [m] and slip ratios."""
     springs = [x for name, x in theta.items() if name.startswith("stiffness")]
-    # The first one is in metres.
+    # The first entry is the slip in metres, the others are ratios.
     ratios = (x for name, x in theta.items() if name.startswith("slip"))
     return [SliderForces(_row(springs), jnp.cumprod(_row(ratios)))]
 
@@ -49,18 +50,18 @@ def _row(numbers: Iterable[Scalar]) -> Array:
 
 
 def _slips(last: Scalar) -> Array:
-    """Return the slips that divide a slider density into bins, from zero to the last slip."""
+    """Return slip limits from zero to the last one, which divide a slider density into bins."""
     return last * jnp.linspace(0.0, 1.0, BINS + 1) ** GRADING
 
 
 def _binned(weight: Array, moment: Array) -> SliderForces:
-    """Return a slider at each bin's centroid, from integrals of the density and of its moment."""
+    """Return one slider per bin, at its centroid, from integrals of the density and its moment."""
     springs = jnp.diff(weight)
     return SliderForces(springs, jnp.diff(moment) / springs)
 
 
 def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> SliderForces:
-    r"""Return sliders with the density $R \varphi^\chi$ up to the last slip."""
+    r"""Return sliders with the density $R \varphi^\chi$ of slip limits $\varphi$ up to `last`."""
     x = _slips(last)
     return _binned(r * x ** (chi + 1) / (chi + 1), r * x ** (chi + 2) / (chi + 2))
 
@@ -68,7 +69,7 @@ def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> SliderForces:
 def iwan4(
     iwan_stiffness: Scalar, iwan_loss: Scalar, iwan_chi: Scalar, iwan_beta: Scalar
 ) -> list[Force]:
-    """Return sliders with Segalman's density, and the sliders at its end that slip together."""
+    """Return sliders with Segalman's density, and those at its end that slip together."""
     chi, spread = iwan_chi, iwan_stiffness / (1 + iwan_beta)
     r = iwan_loss * (chi + 1) * (chi + 2) / MILLIMETRE ** (chi + 1)
     last = (spread * (chi + 1) / r) ** (1 / (chi + 1))
@@ -85,14 +86,15 @@ def masing_power(power_loss: Scalar, power_exponent: Scalar) -> list[Force]:
 
 
 def masing_exponential(exponential_alpha: Scalar, exponential_b: Scalar) -> list[Force]:
-    r"""Return sliders with the density $\alpha b\,e^{-b\varphi}$."""
+    r"""Return sliders with the density $\alpha b\,e^{-b\varphi}$ of slip limits $\varphi$."""
     alpha, b = exponential_alpha, exponential_b
     x = _slips(40.0 / b)  # Only 4e-18 of the sliders slip beyond this.
     passed = jnp.exp(-b * x)
     return [_binned(-alpha * passed, -alpha * passed * (x + 1 / b))]
 
 
-# The rig's parallel forces for each law of a campaign, named without a family member's number.
+# The rig's parallel forces for each law of a campaign; the number in a name such as `jenkins_3` is
+# omitted.
 FORCES: dict[str, Callable[..., Sequence[Force]]] = {
     "bouc_wen": lambda **theta: [BoucWenForce(**theta)],
     "bouc_wen_nu": lambda **theta: [BoucWenNuForce(**theta)],
@@ -119,7 +121,7 @@ def kind_of(law: Law | type[Law]) -> str:
 
 
 def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> tuple[Force, ...]:
-    """Return the rig's own forces of laws, with every parameter converted by `number`."""
+    """Return the rig's own forces for given laws; `number` converts every parameter."""
     forces: list[Force] = []
     for law in laws:
         if law.name == "bouc_wen" and (nu := getattr(law, "nu", 1.0)) != 1.0:

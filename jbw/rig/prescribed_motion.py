@@ -25,14 +25,15 @@ from jbw.rig.integrator import Specimen, State, doubles, runge_kutta, specimen_o
 STEPS = 16  # number of Runge-Kutta steps per sample of a loop
 POINTS = 512  # number of steps per period of a controlled response
 PERIODS = 40  # number of periods until the hysteretic force no longer depends on its start
-RISE = 30  # number of periods in which the motion grows: a sudden start would leave an offset
+RISE = 30  # number of periods in which the motion grows; a sudden start would leave an offset
 ORDERS = np.array([1, 3, 5, 7])
-ROUNDS = 6  # iterations of the higher harmonics, each a hundredth of the previous change
+# iterations for the higher harmonics; each changes them by a hundredth of the previous change
+ROUNDS = 6
 
 
 @dataclass(frozen=True)
 class Growth:
-    """A prescribed growing displacement, A (t / T) sin(2 pi f t), too slow for inertia forces."""
+    """A prescribed growing displacement, A (t / T) sin(2 pi f t), too slow for inertia effects."""
 
     frequency_hz: float  # frequency f [Hz]
     level: float  # largest displacement A [m]
@@ -52,7 +53,7 @@ class Growth:
 
 @dataclass(frozen=True)
 class Held:
-    """A response-controlled curve: the force that keeps the amplitude at each frequency."""
+    """A response-controlled curve: the force that keeps a given amplitude at each frequency."""
 
     frequencies_hz: tuple[float, ...]  # frequencies in sequence [Hz]
     level: float  # peak of the displacement's fundamental [m]
@@ -61,7 +62,7 @@ class Held:
 
 @dataclass(frozen=True)
 class Locked:
-    """A phase-controlled sequence of points, at -90 degrees a backbone."""
+    """Points at a controlled phase, one after another; at -90 degrees they form a backbone."""
 
     levels: tuple[float, ...]  # peaks of the displacement's fundamental in sequence [m]
     phase: float = -90.0  # phase of the displacement relative to the force [deg]
@@ -78,7 +79,7 @@ class Locked:
 
 @dataclass(frozen=True)
 class HeldPoints:
-    """Amplitude-controlled points: S-curves, or curves through their folds.
+    """Points at a controlled amplitude: S-curves, or response curves through their folds.
 
     With several frequencies at the same amplitudes in sequence, the points form a surface of force.
     """
@@ -96,14 +97,14 @@ class HeldPoints:
 
 
 def s_curve(frequency_hz: float, levels: tuple[float, ...], **stated: float) -> HeldPoints:
-    """Return amplitude-controlled points at one frequency, with the given peaks in sequence [m]."""
+    """Return points at one frequency with controlled amplitudes, in the given order [m]."""
     return HeldPoints((frequency_hz,) * len(levels), levels, **stated)
 
 
 def pulled(
     joint: Joint | Specimen, growth: Growth, fs: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return displacement [m] and restoring force per unit mass k y + F [N/kg] of a slow loop."""
+    """Return displacement [m] and restoring force k y + F [N/kg] along a slow growing loop."""
     specimen, count = specimen_of(joint), round(growth.duration * fs)
     fine = np.arange(2 * STEPS * count + 1) / (2 * STEPS * fs)
     force = np.asarray(_along(doubles(specimen), growth.velocity(fine), 1.0 / (STEPS * fs)))
@@ -112,7 +113,7 @@ def pulled(
 
 
 def holding_force(joint: Joint | Specimen, held: Held) -> NDArray[np.complex128]:
-    """Return the force F_1 per mass at each frequency for a response of phase zero [N/kg]."""
+    """Return the force F_1 per mass [N/kg] at each frequency that holds the response amplitude."""
     levels = (held.level,) * len(held.frequencies_hz)
     return held_points(joint, HeldPoints(held.frequencies_hz, levels))
 
@@ -120,7 +121,7 @@ def holding_force(joint: Joint | Specimen, held: Held) -> NDArray[np.complex128]
 def held_points(
     joint: Joint | Specimen, points: HeldPoints, distortion: float = 0.0
 ) -> NDArray[np.complex128]:
-    """Return the force F_1 per mass at each point that keeps a response of phase zero [N/kg].
+    """Return the force F_1 per mass [N/kg] at each point that holds the response amplitude.
 
     `distortion` is the exciter's third harmonic relative to its fundamental; it follows the phase
     of the fundamental.
@@ -133,7 +134,7 @@ def held_points(
 def locked_points(
     joint: Joint | Specimen, locked: Locked, phase: NDArray[np.float64], distortion: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    r"""Return frequency [Hz] and force per mass [N/kg] at which points have their phase [rad].
+    r"""Return the frequency [Hz] and force per mass [N/kg] at which points have given phases [rad].
 
     $$\omega^2 - 2\zeta\omega_n \cot\varphi\,\omega - (k + \mathrm{Re}\,Z_1/Y +
       \cot\varphi\,\mathrm{Im}\,Z_1/Y) = 0$$
@@ -151,7 +152,7 @@ def _held_force(
     phase: NDArray[np.float64] | None,
     distortion: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Return frequencies [rad/s] and fundamental forces [N/kg]; phases set the frequencies."""
+    """Return frequencies [rad/s] and first harmonics of force [N/kg]; `phase` fixes the former."""
     k, damping = float(specimen.k), float(specimen.zeta * specimen.omega_n)
     motion = np.zeros((level.size, ORDERS.size), complex)
     motion[:, 0] = level
@@ -166,8 +167,8 @@ def _held_force(
         dynamic = k - frequencies**2 + 2j * damping * frequencies
         force = dynamic[:, 0] * level + z[:, 0]
         load = np.zeros_like(motion)
-        # The third harmonic is cos 3(theta + psi) next to cos(theta + psi), with psi the force's
-        # phase.
+        # The source's third harmonic is cos 3(theta + psi) beside cos(theta + psi), where psi is
+        # the force's phase.
         load[:, 1] = distortion * np.abs(force) * np.exp(3j * np.angle(force))
         motion[:, 1:] = (load - z)[:, 1:] / dynamic[:, 1:]
     return omega, force
@@ -176,7 +177,7 @@ def _held_force(
 def _harmonics(
     specimen: Specimen, motion: NDArray[np.complex128], omega: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    r"""Return odd harmonics of the joint's force along periodic motions, one row per motion.
+    r"""Return the odd harmonics of the joint's force along periodic motions (rows).
 
     The motions grow from rest as $\sin^2(\pi t / 2 T)$, since small motions take thousands of
     periods to forget an offset.
@@ -199,7 +200,7 @@ def _harmonics(
 def _along(
     specimen: Specimen, v: Float[Array, " half"], h: float | Float[Array, ""]
 ) -> Float[Array, " step"]:
-    """Return the joint's force at the ends of steps, from two velocity samples per step."""
+    """Return the joint's force at the end of each step, from two velocity samples per step."""
 
     def rate(now: State, v: Array) -> State:
         return v, specimen.rates(v, now[1])

@@ -68,8 +68,11 @@ PRIOR: Mapping[str, tuple[float, float]] = {
 """Bounds of the paper's uniform priors: zeta, alpha and delta of Step 3, gamma of Step 4 [SI]."""
 
 PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)  # frequencies of the probing tones, around omega_n / 3 [Hz]
-LOOP_HZ = 18.5  # resonance with the joint sliding, just below the resonance with the joint stuck
-# Frequencies of the stepped sine, dense at the resonance; each dwell has whole periods.
+# frequency of the tone for loops [Hz]: the resonance of the sliding joint, just below that of the
+# stuck joint
+LOOP_HZ = 18.5
+# Frequencies of the stepped sine, closely spaced at the resonance, each for a whole number of
+# periods.
 STEPPED_HZ: tuple[float, ...] = tuple(
     np.concatenate(
         [np.arange(3.0, 18.0, 2.0), np.arange(17.5, 19.5, 0.0625), np.arange(20.0, 24.0)]
@@ -93,17 +96,18 @@ class Plan:
     # Band to state for the identification [Hz], if any.
     band_hz: tuple[float, float] | None = None
     settle: float = 0.0  # time to discard after the start of each step [s]
-    drive: str = ""  # what drives the test, if the rig has an armature
+    drive: str = ""  # drive of the test, if the rig has an armature
     # Channels recorded in addition to the velocity: input, force, drive_point.
     sources: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class Preset:
-    """A rig and its programme of tests."""
+    """A virtual rig and its programme of tests."""
 
     name: str  # name of the preset
-    # Force per unit mass and volt [N/kg/V], or per newton: the reciprocal of the modal mass [1/kg].
+    # Force per unit mass and volt [N/kg/V]; for a source in newtons, the reciprocal of the modal
+    # mass [1/kg].
     gain: float
     input_range: float  # full scale of the recorded source, a power of two [V or N]
     velocity_range: float  # full scale of the laser, a power of two [m/s]
@@ -113,15 +117,16 @@ class Preset:
     source_noise_std: float = 0.5e-6  # noise of that channel [V or N]
     displacement_range: float = 1 / 64  # full scale of prescribed displacements, a power of two [m]
     force_range: float = 512.0  # full scale of restoring forces, a power of two [N]
-    # Kinds to which the joint posterior is fitted, all when empty; the other kinds verify.
+    # Kinds of test to which the joint posterior is fitted (all if empty); other kinds are for
+    # comparison.
     fit: tuple[str, ...] = ()
     # Disturbances of the records, unless `measure` is called with other values.
     noise_std: float = 50e-6  # laser noise [m/s]
-    # Laser noise relative to each record's rms, in place of `noise_std` [-].
+    # Laser noise relative to the rms of each record, instead of `noise_std` [-].
     noise_ratio: float | None = None
     omega_n_cv: float = 0.0  # coefficient of variation of omega_n from day to day [-]
     zeta_cv: float = 0.0  # coefficient of variation of zeta from day to day [-]
-    # Shapes of several modes, the joint's own first; driven by the armature.
+    # Shapes of several modes, beginning with the joint's mode, if an armature drives them.
     shapes: Shapes | None = None
     armature: Armature = field(default_factory=Armature)
 
@@ -144,18 +149,18 @@ def _noise(level: float, duration: float, unit: str) -> Plan:
 
 
 def sweep_plan(level: float) -> Plan:
-    """Return a sweep for Step 4: 0-40 Hz in 8 s from rest, then 8 s of decay."""
+    """Return a sweep from rest, 0-40 Hz in 8 s, followed by 8 s of free decay."""
     excitation = Sweep(0.0, 40.0, level, burst=8.0, fade=0.2, duration=16.0)
     return _plan("sweep", "sweep", excitation, 48)
 
 
 def stepped_plan(level: float) -> Plan:
-    """Return a stepped sine whose 24 s of settling reduce transients to 3e-6 of a step's change."""
+    """Return a stepped sine; its 24 s of settling reduce transients to 3e-6 of a step's change."""
     return _plan("stepped", "stepped", Steps(STEPPED_HZ, level, dwell=32.0), 2, settle=24.0)
 
 
 def pull_plan(level: float) -> Plan:
-    """Return a loop under a prescribed displacement that grows for 6 s at 1 Hz."""
+    """Return a loop whose prescribed displacement grows for 6 s at 1 Hz."""
     excitation = Growth(1.0, level, duration=6.0)
     return Plan(named("pull", 1e3 * level, "mm"), "loop", excitation, repeats=2)
 
@@ -175,7 +180,7 @@ def _programme(
 
 
 def _short_programme() -> tuple[Plan, ...]:
-    """Return the plans of many kinds of short tests, with levels in newtons."""
+    """Return plans of short tests of many kinds, with levels in newtons."""
     probing = ((f, level) for level in (6.0, 12.0, 18.0) for f in (5.5, 6.5))
     tones = (Tone(f, level, duration=16.0, settle=32.0) for f, level in probing)
     sweeps = (
@@ -196,7 +201,7 @@ def _short_programme() -> tuple[Plan, ...]:
 
 
 def _controlled_programme() -> tuple[Plan, ...]:
-    """Return the plans of controlled tests, with 100 periods per point, and of two decays."""
+    """Return plans of controlled tests, with 100 periods per point, and of two free decays."""
     levels = tuple(np.geomspace(2e-4, 6e-3, 14).tolist())
     bursts = [Sweep(BURST_HZ, BURST_HZ, v, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
               for v in (0.1, 0.4)]  # fmt: skip
@@ -209,7 +214,7 @@ def _controlled_programme() -> tuple[Plan, ...]:
 
 
 def _everyday_programme(days: int = 3) -> tuple[Plan, ...]:
-    """Return the plans of a morning's tests, repeated once a day: records of 10 s to 6 min."""
+    """Return plans of a morning's tests (records of 10 s to 6 min), repeated on each day."""
     sweeps = (Sweep(10.0, 30.0, v, burst=6.0, fade=0.2, duration=10.0) for v in (0.05, 0.10, 0.20))
     burst = Sweep(BURST_HZ, BURST_HZ, 0.05, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
     held = Tone(LOOP_HZ, 0.05, duration=16.0, settle=32.0)
@@ -222,7 +227,7 @@ def _everyday_programme(days: int = 3) -> tuple[Plan, ...]:
 
 
 def _modes_programme() -> tuple[Plan, ...]:
-    """Return the plans of tests of the first mode, driven by shaker force and shaker voltage."""
+    """Return plans of tests of the first mode, driven by a shaker's force and by its voltage."""
     near = (12.0, 26.0)
     every, cell = ("input", "force", "drive_point"), ("force",)
     sweeps = [Sweep(10.0, 30.0, v, burst=6.0, fade=0.2, duration=10.0) for v in (0.02, 0.06, 0.2)]
@@ -305,7 +310,7 @@ PRESETS = {
 
 
 def preset_named(preset: str | Preset) -> Preset:
-    """Return a preset by its name; a `Preset` object is returned unchanged."""
+    """Return the preset of a name; return a `Preset` object unchanged."""
     if isinstance(preset, Preset):
         return preset
     if preset not in PRESETS:
@@ -315,7 +320,7 @@ def preset_named(preset: str | Preset) -> Preset:
 
 
 def plans_named(preset: Preset, names: Iterable[str] | None) -> list[Plan]:
-    """Return the plans with the given names, in the order of the preset; all when None."""
+    """Return the plans with the given names in the order of the preset, or all if None."""
     if names is None:
         return list(preset.plans)
     requested = [names] if isinstance(names, str) else list(names)

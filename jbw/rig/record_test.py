@@ -46,7 +46,7 @@ Channels = dict[str, Samples]
 
 @dataclass(frozen=True)
 class Bench:
-    """A planned test with the rig and the conditions under which it is carried out."""
+    """A planned test, with the rig and the disturbances of its measurement."""
 
     plan: Plan
     rig: Preset
@@ -59,7 +59,7 @@ class Bench:
     def sensed(
         self, role: str, analog: Samples, noise_std: float, full_scale: float, key: tuple[int, int]
     ) -> Samples:
-        """Return a channel after sensor noise and conversion; `key` is its repeat and stream."""
+        """Return a channel after sensor noise and digitisation; `key` is its repeat and stream."""
         return digitise(
             analog,
             noise_std=noise_std,
@@ -73,7 +73,7 @@ class Bench:
 def record_test(
     plan: Plan, rig: Preset, days: Sequence[Specimen], conditions: Conditions
 ) -> list[tuple[Test, Sequence[Samples]]]:
-    """Record a planned test with its demands [V or N]; split it by day if days differ."""
+    """Record a planned test, with demanded signals [V or N]; divide it by day if days differ."""
     excitation = plan.excitation
     channels, demands = _recorded(Bench(plan, rig, conditions), days)
     by_lines = isinstance(excitation, Held | Locked | HeldPoints)
@@ -106,7 +106,7 @@ def record_test(
 
 
 def _recorded(bench: Bench, days: Sequence[Specimen]) -> tuple[list[Channels], Sequence[Samples]]:
-    """Return the channels of every repeat, and the demanded signals if a shaker plays them."""
+    """Return the channels of every repeat, and the demanded signals if a shaker is used."""
     plan, rig, excitation = bench.plan, bench.rig, bench.plan.excitation
     if not isinstance(excitation, Growth | Held | Locked | HeldPoints):
         if rig.shapes is not None:
@@ -136,7 +136,7 @@ def _tones(excitation: Excitation | Growth | Held | Locked | HeldPoints) -> tupl
 
 
 def _by_day(test: Test, demands: Sequence[Samples]) -> Iterator[tuple[Test, Sequence[Samples]]]:
-    """Yield a separate test for each day, with one record and its demand."""
+    """Yield a separate test for each day, with its record and its demanded signal."""
     for r, record in enumerate(test.records):
         name, day = f"{test.name}_day{r + 1}", f"day {r + 1}"
         of_day = (replace(record, name=f"{name}_01"),)
@@ -146,7 +146,7 @@ def _by_day(test: Test, demands: Sequence[Samples]) -> Iterator[tuple[Test, Sequ
 def _shaken(
     bench: Bench, excitation: Excitation, days: Sequence[Specimen]
 ) -> tuple[list[Channels], list[Samples]]:
-    """Record channels and demands under the shaker; for a free decay, velocity only."""
+    """Record channels and demanded signals under the shaker; of a free decay, only the velocity."""
     rig, conditions = bench.rig, bench.conditions
     differ = conditions.varies or isinstance(excitation, Noise)
     driven = kind_named(bench.plan.kind).is_driven
@@ -167,7 +167,7 @@ def _shaken(
 
 
 def _by_laser(bench: Bench, velocity: Samples, repeat: int) -> Samples:
-    """Return the velocity with the noise and conversion of the laser channel."""
+    """Return the velocity as the laser channel records it, with noise and digitisation."""
     rig, conditions = bench.rig, bench.conditions
     noise = conditions.noise_std
     if conditions.noise_ratio is not None:
@@ -178,9 +178,9 @@ def _by_laser(bench: Bench, velocity: Samples, repeat: int) -> Samples:
 def _played(
     bench: Bench, excitation: Excitation, repeat: int
 ) -> tuple[Callable[..., Voltage], int, int]:
-    """Return the source as a function of sampling rate, the first recorded sample and the end."""
+    """Return the source as a function of the sampling rate, and its first and last sample."""
     fs = bench.conditions.fs
-    # Every repeat of noise draws new phases, whereas a multisine is repeated unchanged.
+    # Every repeat of noise has new random phases, but a multisine is repeated unchanged.
     drawn = repeat if isinstance(excitation, Noise) else 0
     phases = draw_phases(excitation, bench.stream(drawn, 0), fs)
     first = round(excitation.settle * fs)
@@ -191,12 +191,12 @@ def _played(
 def _play(
     bench: Bench, excitation: Excitation, specimen: Specimen, repeat: int
 ) -> tuple[Samples, Samples, Samples]:
-    """Return demanded source, source at the shaker and velocity, before any sensor."""
+    """Return the demanded source, the source at the shaker and the velocity, before any sensor."""
     conditions, fs = bench.conditions, bench.conditions.fs
     played, first, last = _played(bench, excitation, repeat)
     demand = played(fs)(first, last)
     source = played(fs, distortion=conditions.distortion)(first, last)
-    # A channel that lags shows at t the motion at t - delay, as if its clock had started later.
+    # A delayed channel shows at time t the motion at t - delay, as if its clock had started later.
     fine = played(GRID * fs, lag=conditions.delay, distortion=conditions.distortion)
     gain = bench.rig.gain
     _, velocity, _ = respond(specimen, lambda i, j: gain * fine(i, j), last, fs)
@@ -206,7 +206,7 @@ def _play(
 def _shaken_structure(
     bench: Bench, shapes: Shapes, excitation: Excitation, days: Sequence[Specimen]
 ) -> tuple[list[Channels], list[Samples]]:
-    """Record channels and demands of a structure of several modes on a shaker with armature."""
+    """Record channels and demanded signals of a structure with several modes on a shaker."""
     rig, conditions = bench.rig, bench.conditions
     if conditions.delay:
         raise ConfigError(
@@ -241,7 +241,7 @@ def _shaken_structure(
 def _play_structure(
     bench: Bench, structure: Assembled, excitation: Excitation, repeat: int
 ) -> tuple[Samples, Samples, RigMotion]:
-    """Return demanded voltage, voltage at the shaker and motion, before any sensor."""
+    """Return the demanded voltage, the voltage at the shaker and the motion, before any sensor."""
     conditions, fs = bench.conditions, bench.conditions.fs
     played, first, last = _played(bench, excitation, repeat)
     motion = move(structure, played(GRID * fs, distortion=conditions.distortion), last, fs)
@@ -251,7 +251,7 @@ def _play_structure(
 
 
 def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Channels:
-    """Return the channels of a slow loop: the prescribed displacement and the required force."""
+    """Return the channels of a slow loop: the prescribed displacement and the force it needs."""
     rig, noise = bench.rig, bench.conditions.force_noise_std
     y, force = pulled(specimen, growth, bench.conditions.fs)
     force = force / rig.gain
@@ -264,9 +264,9 @@ def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Ch
 
 
 def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Channels:
-    """Return the channels of a response-controlled curve, line by line."""
-    # A sine fit over T seconds has noise sigma sqrt(2 / (T f_s)) in its real and imaginary part
-    # each.
+    """Return the channels of a response-controlled curve, one value per frequency."""
+    # A sine fitted over T seconds has noise sigma sqrt(2 / (T f_s)) in each of its real and
+    # imaginary parts.
     force = holding_force(specimen, held) / bench.rig.gain
     std = bench.conditions.force_noise_std * np.sqrt(2 / (held.dwell * bench.conditions.fs))
     real, imaginary = std * bench.stream(repeat, 1).standard_normal((2, force.size))
@@ -290,7 +290,7 @@ def _locked(bench: Bench, locked: Locked, specimen: Specimen, repeat: int) -> Ch
 
 
 def _points(bench: Bench, points: HeldPoints, specimen: Specimen, repeat: int) -> Channels:
-    """Return the channels of amplitude-controlled points, with the errors of measurement."""
+    """Return the channels of amplitude-controlled points, with measurement errors."""
     held = held_points(specimen, points, bench.conditions.distortion)
     phase = -np.angle(held) + points.force_noise * _scatter(bench, repeat, 3, held)
     frequency = np.asarray(points.frequencies_hz)
@@ -300,17 +300,17 @@ def _points(bench: Bench, points: HeldPoints, specimen: Specimen, repeat: int) -
 def _read_points(
     bench: Bench, excitation: Locked | HeldPoints, force: Samples, phase: Samples, repeat: int
 ) -> Channels:
-    """Return the measured force, amplitude and phase of points, with their noise."""
+    """Return the force, amplitude and phase of points as measured, with their noise."""
     level, noise = np.asarray(excitation.levels), excitation.amplitude_noise
     read = force / bench.rig.gain
     return {
         "force": read * (1.0 + excitation.force_noise * _scatter(bench, repeat, 1, force)),
         "displacement": level * (1.0 + noise * _scatter(bench, repeat, 2, force)),
-        # The same noise, perpendicular to the phasor, changes its phase.
+        # The component of this noise perpendicular to the phasor changes its phase.
         "phase": phase + noise * _scatter(bench, repeat, 4, force),
     }
 
 
 def _scatter(bench: Bench, repeat: int, number: int, like: NDArray[Any]) -> Samples:
-    """Return standard normal numbers for one channel of one repeat, one per point."""
+    """Return standard normal numbers, one per point, for one channel of one repeat."""
     return bench.stream(repeat, number).standard_normal(like.size)

@@ -36,7 +36,7 @@ Modal = Float[np.ndarray, " mode"]
 
 
 class Shapes(NamedTuple):
-    """The modes of the structure with the joint stuck, and the motion per unit [1/sqrt(kg)]."""
+    """The modes of the structure with a fully stuck joint, with mode shapes in 1/sqrt(kg)."""
 
     omega: Modal  # natural frequencies [rad/s]
     zeta: Modal  # damping ratios [-]
@@ -46,7 +46,7 @@ class Shapes(NamedTuple):
 
 
 class Armature(NamedTuple):
-    """A shaker: its gain, and the impedance that it adds to the structure where it pushes."""
+    """A shaker: its gain, and the mass, damping and stiffness that it adds to the structure."""
 
     # force per volt with the armature blocked [N/V]; 1 if the source is the force
     gain: float = 1.0
@@ -56,7 +56,7 @@ class Armature(NamedTuple):
 
 
 class Assembled(NamedTuple):
-    """A structure with its joint and its shaker."""
+    """A structure together with its joint and its shaker."""
 
     shapes: Shapes
     joint: tuple[Force, ...]  # forces [N] as functions of displacement [m]
@@ -64,20 +64,20 @@ class Assembled(NamedTuple):
 
     @property
     def specimen(self) -> Specimen:
-        """The joint alone, with the memory of its forces; k is the negative of its stiffness."""
+        """The joint alone, with its internal states: omega_n and zeta of this specimen are zero."""
         return Specimen(0.0, 0.0, self.joint)
 
     def at_rest(self) -> State:
-        """Return the state (x, q, q', parts) before any motion."""
+        """Return the state before any motion: (x, q, q', internal states of the joint)."""
         none = jnp.zeros_like(jnp.asarray(self.shapes.omega, float))
         return jnp.zeros(()), none, none, self.specimen.at_rest()
 
     def settle(self, before: State, after: State) -> State:
-        """Return the state after a small step, with the joint's memory updated."""
+        """Return the state after a small step, with the joint's internal states updated."""
         return self.specimen.settle(before, after)
 
     def state_rate(self, state: State, source: Any) -> State:
-        """Return the rate of the state under a source [V or N]."""
+        """Return the time derivative of the state under a source [V or N]."""
         x, q, rate, parts = state
         shapes, shaker, joint = self.shapes, self.armature, self.specimen
         v = shapes.joint @ rate
@@ -91,7 +91,7 @@ class Assembled(NamedTuple):
 
 
 class RigMotion(NamedTuple):
-    """The motions of structure, drive point and joint, and the shaker force, at the samples."""
+    """The sampled motions of structure, drive point and joint, and the shaker force."""
 
     displacement: Float[np.ndarray, " time"]  # displacement of the output [m]
     velocity: Float[np.ndarray, " time"]  # velocity of the output [m/s]
@@ -107,10 +107,10 @@ def move(
     num_samples: int,
     fs: float,
 ) -> RigMotion:
-    """Simulate from rest under a source [V or N], given at `GRID` points per sample."""
+    """Simulate a structure from rest under a source [V or N] with `GRID` points per sample."""
     require_double()
     doubled = doubles(structure)
-    # Limits the number of compilations for short records.
+    # Records of similar length share a compilation.
     size = min(BLOCK, 1 << (num_samples - 1).bit_length())
     x, q, rate, change, played = integrated(
         _motion_and_source, doubled, doubled.at_rest(), source, num_samples, fs, block=size
@@ -130,13 +130,13 @@ def _motion_and_source(structure: Assembled, state: State, source: Array) -> See
 
 
 def of_day(shapes: Shapes, specimen: Specimen) -> Shapes:
-    """Return the modes scaled so that the first has a specimen's frequency and damping."""
+    """Return the modes, rescaled so that the first has the frequency and damping of a specimen."""
     omega = shapes.omega * (specimen.omega_n / shapes.omega[0])
     return shapes._replace(omega=omega, zeta=shapes.zeta * (specimen.zeta / shapes.zeta[0]))
 
 
 def first_mode_truth(shapes: Shapes, armature: Armature) -> dict[str, float]:
-    """Return the true omega_n, zeta and gain that voltage-driven tests of mode 1 identify."""
+    """Return the true omega_n, zeta and gain of the first mode in voltage-driven tests."""
     added = Attachment(armature.mass, armature.damping, armature.stiffness)
     omega, zeta = attached(shapes.omega, shapes.zeta, shapes.drive, added)
     gain = float(shapes.drive[0] * shapes.output[0])
@@ -146,7 +146,7 @@ def first_mode_truth(shapes: Shapes, armature: Armature) -> dict[str, float]:
 
 
 def modal_truth(shapes: Shapes, mode: int = 0) -> dict[str, Modal]:
-    r"""Return the true modal parameters, normalised by the joint motion of mode `mode`.
+    r"""Return the true modal parameters; joint motions are relative to that in mode `mode`.
 
     $$b_i = \phi_{d,i}\,\phi_{r,i}, \qquad
       h_i = \frac{\phi_{J,i}/\phi_{r,i}}{\phi_{J,1}/\phi_{r,1}}, \qquad
@@ -161,7 +161,7 @@ def modal_truth(shapes: Shapes, mode: int = 0) -> dict[str, Modal]:
 
 
 def law_of_mode(law: Law, shapes: Shapes, mode: int = 0) -> dict[str, float]:
-    r"""Return a joint law's parameters for one mode's oscillator, whose displacement is output y.
+    r"""Return a joint law's parameters for one mode's oscillator with the output y as displacement.
 
     $$x = s\,y, \qquad s = \phi_J/\phi_r, \qquad \text{force per unit mass}\ \phi_J \phi_r f$$
 
@@ -177,6 +177,6 @@ def law_of_mode(law: Law, shapes: Shapes, mode: int = 0) -> dict[str, float]:
 
 
 def _factor(powers: Mapping[str, int], push: float, stretch: float) -> float:
-    """Return the factor of a parameter with these unit powers; s^-2 marks a stiffness."""
+    """Return the factor on a parameter whose unit has given powers; s^-2 means a stiffness."""
     stiff = push**2 if powers.get("s") == -2 else 1.0
     return stiff * stretch ** -powers.get("m", 0)

@@ -78,7 +78,7 @@ def tightened(
     sequence: int = 1,
     chance: Float[np.ndarray, " 5"] | None = None,
 ) -> Oscillator:
-    """Return the structure with its joint tightened to a torque.
+    """Return the structure with its joint tightened to a given torque.
 
     Args:
         joint: Structure at the reference torque, without variation.
@@ -129,7 +129,7 @@ def measure_fleet(
     seed: int = 0,
     **conditions: Any,
 ) -> list[RigCampaign]:
-    """Return one measured campaign per tightening: all torques of one assembly, then the next.
+    """Return one measured campaign per tightening: all torques of an assembly, then the next one.
 
     Each campaign states its [assembly] table and has its own joint in `truth`; tightenings are
     counted over all campaigns of an assembly. No priors are stated, so that they follow from the
@@ -186,7 +186,7 @@ def _order(num: int, assembly: int, seed: int) -> Sequence[int]:
 
 
 def _stated(campaign: RigCampaign, assembly: str, torque: float, sequence: int) -> RigCampaign:
-    """Return a campaign with its [assembly] table, and without the published prior bounds."""
+    """Return a campaign that states its assembly and torque but no prior bounds."""
     table = Assembly(name=assembly, torque=torque, sequence=sequence)
     settings = campaign.settings.model_copy(update={"prior": {}})
     name = f"{campaign.name}, {assembly} at {torque:g} N m"
@@ -194,7 +194,7 @@ def _stated(campaign: RigCampaign, assembly: str, torque: float, sequence: int) 
 
 
 def _power(name: str, unit: str) -> Float[np.ndarray, " 2"]:
-    """Return the powers of stiffness and of displacement in a parameter of the given unit."""
+    """Return the powers of stiffness and of displacement in a parameter with the given unit."""
     exponents = powers_of(unit)
     seconds = exponents.pop("s", 0)
     metres = exponents.pop("m", 0)

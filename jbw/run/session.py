@@ -109,7 +109,8 @@ def keep_compiled(purpose: str = "compiled") -> Path | None:
     folder = own if named is None else Path(named)
     if named is None:
         jax.config.update("jax_compilation_cache_dir", str(own))
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+        # Compiling a small program takes 30 ms or more, loading it a few, and a run has dozens.
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     if "://" not in str(named):  # JAX opens a remote folder itself.
         _require_writable(folder)
     return own if named is None else None

@@ -92,7 +92,7 @@ def identify(
     keys = iter(parts_of(jax.random.key(seed), NUM_KEYS))
     # Steps 3 and 4 with earlier results fixed, as in Teloli et al.
     paper = paper_route(measured, keys, report, keep)
-    problem = joint_problem(measured, paper.means, seed=seed, report=report)
+    problem = joint_problem(measured, paper.means, seed=seed, report=report, start=prepared.start)
     key = parts_of(next(keys), NUM_PARTS)
     # The fit determines starts, noise, run effects, coordinates and solver steps.
     fit = fit_problem(key[:2], problem)

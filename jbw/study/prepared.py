@@ -31,7 +31,7 @@ from jbw.report.messages import laws as messages
 from jbw.report.messages import stages
 from jbw.study.look import Look, look_quietly
 
-# An earlier proposal is preferred if its error is at most this multiple of the least error.
+# An earlier proposal is preferred if its error is at most this multiple of the smallest error.
 AS_GOOD = 1.05
 
 
@@ -43,13 +43,13 @@ class PreparedTests(NamedTuple):
             model.
         look: Readings of the records without a model.
         sentences: Sentences on tests that cannot be used, and on the choice of the law.
-        known: Parameters of the fit by which the law was chosen.
+        start: Parameters of the fit by which the law was chosen.
     """
 
     measured: Measured
     look: Look
     sentences: tuple[str, ...]
-    known: Mapping[str, float] = MappingProxyType({})
+    start: Mapping[str, float] = MappingProxyType({})
 
 
 def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:
@@ -78,7 +78,7 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
 
 
 def candidates(read: Sequence[str]) -> tuple[str, ...]:
-    """Return the laws to fit, in this order, given those that frequency and damping suggest.
+    """Return the laws to fit, in order, after those that frequency and damping suggest.
 
     The proposals and the default law come first, those with the fewest parameters before the
     others. Other laws with a force of the same kind follow, because a measured exponent may exclude
@@ -117,7 +117,7 @@ def chosen(
         tried = assemble(replace(seen, laws=(law,)))
         try:
             _, best, data = first_fit(jax.random.key(seed), tried, seen.settings, alone=alone)
-        except JbwError:  # the law cannot be solved for these tests
+        except JbwError:  # The law cannot be solved for these tests.
             continue
         fits[law] = best.theta
         errors[law], is_white = remains_of(best, data)

@@ -33,7 +33,7 @@ def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study
     The study has the form of any other, but predicts no test.
     """
     measured = prepared.measured
-    posteriors = fit_alone(measured, seed=order.seed, report=report, known=prepared.known)
+    posteriors = fit_alone(measured, seed=order.seed, report=report, start=prepared.start)
     tree = fit_tree(measured, posteriors)
     comparisons = Comparisons(tree, look(posteriors.joint.fitted, with_profiles=False))
     checks = posteriors.checks

@@ -21,9 +21,10 @@ from jbw.verification.predictive_basis import Draws, Laws, parameter_names
 
 NUM_AMPLITUDES = 40
 CARRIED_ON = 1.25  # largest amplitude of the curves, relative to the largest fitted displacement
-PARTS = (0.25, 0.5, 1.0)  # amplitudes of the loops, relative to the largest fitted displacement
+# amplitudes of the drawn loops, relative to the largest fitted displacement
+PARTS = (0.25, 0.5, 1.0)
 NUM_PHASES = 64  # number of points on half a loop
-# amplitudes of the curves for decays, up to slightly above the largest measured one
+# number of amplitudes at which curves are compared with decays
 NUM_OF_DECAYS = 60
 HERTZ, RATIO, BANDS = {"units": "Hz"}, {"units": "1"}, ("quantile", "amplitude")
 
@@ -85,7 +86,7 @@ def _unloading(
 
 
 def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws) -> xr.Dataset:
-    r"""Return frequency and damping against amplitude, from free decays and from the model.
+    r"""Compare frequency and damping against amplitude between free decays and the model.
 
     $$X = \omega(Y)^p\,Y$$
 
@@ -134,6 +135,6 @@ def curves_of_response(
 ) -> tuple[Float[Array, " amplitude"], ...]:
     """Return frequency [Hz], damping and force [N/kg] at amplitudes of the measured response."""
     joint, omega = oscillator_of(theta, laws), jnp.full_like(amplitude, centre)
-    for _ in range(3):  # Displacement depends weakly on the frequency, so few rounds suffice.
+    for _ in range(3):  # Displacement depends weakly on frequency, so few rounds are enough.
         omega = backbone(joint, amplitude / omega**order).omega
     return curves(theta, amplitude / omega**order, laws)

@@ -10,19 +10,19 @@ from scipy.stats import norm
 
 from jbw.inference.posterior.summary import QUANTILES
 
-# name of the law's own prediction without model discrepancy, among the reference models
+# name, among the reference models, of the law's own prediction without model discrepancy
 LAW = "law"
 # name of the axis of the quantiles of every band
 QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})
 
 
 def error(measured: NDArray[Any], predicted: NDArray[Any]) -> float:
-    """Return the rms error of a prediction, divided by the rms of the measured values."""
+    """Return the rms error of a prediction, relative to the rms of the measured values."""
     return float(np.linalg.norm(measured - predicted) / np.linalg.norm(measured))
 
 
 def half_width(edges: NDArray[np.float64], measured: NDArray[Any]) -> float:
-    """Return half the rms width of a band, divided by the rms of the measured values.
+    """Return half the rms width of a band, relative to the rms of the measured values.
 
     If this is large, a band that contains every value says little.
     """
@@ -36,10 +36,11 @@ def errors(
     noise_std: float | NDArray[np.float64] | None,
     repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
-    """Return prediction errors, coverage and variation of repeats of a test, as attributes."""
-    # `coverage` is the share of `num_values` values (of the repeats, or else of their mean) inside
-    # the predictive band. `half_width` refers to that band, or to the band of the parameters alone.
-    # `scatter` is the variation of repeats about their mean, relative as `nrmse` is.
+    """Return a test's prediction errors, coverage and variation of repeats, as attributes."""
+    # `coverage` is the fraction of the `num_values` values (of the repeats, or else of their mean)
+    # inside the predictive band. `half_width` is that of this band, or of the band from the
+    # parameters alone. `scatter` is the variation of repeats about their mean, in the same unit as
+    # `nrmse`.
     edges = band(model) if noise_std is None else gaussian_band(model, noise_std)
     measures = {"nrmse": error(measured, np.median(model, axis=0))}
     measures |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
@@ -54,7 +55,7 @@ def errors(
 
 
 def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *value"]:
-    """Return the median over draws, separately for real and imaginary parts."""
+    """Return the median over the draws; real and imaginary parts have separate medians."""
     if not np.iscomplexobj(values):
         return np.median(values, axis=0)
     return np.median(np.real(values), axis=0) + 1j * np.median(np.imag(values), axis=0)
@@ -63,7 +64,7 @@ def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *
 def recentred(
     model: Shaped[np.ndarray, " draw *value"], centre: Shaped[np.ndarray, " *value"]
 ) -> Shaped[np.ndarray, " draw *value"]:
-    r"""Return draws shifted to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
+    r"""Return draws moved to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
 
     If a model discrepancy scatters frequencies widely, the phases of the draws $m_k$ scatter too,
     and their median is smaller than any of them, so it does not represent the law's prediction. The
@@ -75,7 +76,7 @@ def recentred(
 def about_law(
     model: Shaped[np.ndarray, " draw *value"], others: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Shift draws to the law's own prediction, if any; return them with the other predictions."""
+    """Move the draws' median to the law's own prediction, if given; return other models as well."""
     rest = {name: values for name, values in others.items() if name != LAW}
     return (recentred(model, others[LAW]) if LAW in others else model), rest
 
@@ -86,14 +87,14 @@ def within(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[n
 
 
 def band(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return quantiles 0.5 %, 50 % and 99.5 % over draws: a 99 % band with its median."""
+    """Return the quantiles 0.5 %, 50 % and 99.5 % of draws: a 99 % band with its median."""
     return np.quantile(values, QUANTILES, axis=0)
 
 
 def gaussian_band(
     model: Float[np.ndarray, " draw *value"], noise_std: float | Float[np.ndarray, " *value"]
 ) -> NDArray[np.float64]:
-    """Return the 99 % band m -+ 2.576 sqrt(var_theta + sigma^2), with the median m of draws."""
+    """Return the 99 % band m -+ 2.576 sqrt(var_theta + sigma^2) about the median m of the draws."""
     half = norm.ppf(QUANTILES[-1]) * np.sqrt(model.var(axis=0) + noise_std**2)
     median = np.median(model, axis=0)
     return np.stack([median - half, median, median + half])
@@ -106,7 +107,7 @@ def beside(
     noise_std: float | NDArray[np.float64] | None,
     unit: Mapping[str, str],
 ) -> dict[str, Any]:
-    """Return measured values with the model's band and, if noise is known, the predictive one."""
+    """Return measured values with the model's band and, if noise is known, the band with noise."""
     dims = ("quantile", dim)
     variables = {"measured": (dim, measured, unit), "model_band": (dims, band(model), unit)}
     if noise_std is not None:
@@ -115,7 +116,7 @@ def beside(
 
 
 def phase_near(h: NDArray[Any], reference: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a phase within half a turn of a reference, so that bands do not jump at +-pi."""
+    """Return a phase within half a turn of `reference`, so that bands do not jump at +-pi."""
     return reference + np.angle(h * np.exp(-1j * reference))
 
 
@@ -127,7 +128,7 @@ def polar(
     phase: Mapping[str, str],
     dims: str | tuple[str, ...] = ("quantile", "freq"),
 ) -> dict[str, Any]:
-    """Return magnitude and phase of complex values, or of their bands, as named variables.
+    """Return the magnitude and phase of complex values, or of their bands, as named variables.
 
     The phase is on the branch next to a reference. Bands are given if `dims` contain `quantile`.
     """

@@ -32,19 +32,21 @@ from jbw.verification.bands import QUANTILE_AXIS, errors, gaussian_band, middle,
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, count_of
 
-ROUNDS = 3  # number of rounds of Newton's method, each from the median of the draws so far
-CLOSE = 0.01  # relative distance from the solution below which one more round is exact to 1e-8
+# number of rounds of Newton's method, each of which starts from the median of the last draws
+ROUNDS = 3
+# relative distance from the solution below which one more round gives an error of 1e-8
+CLOSE = 0.01
 
 
 class Curve(NamedTuple):
-    """A measured response curve: its harmonics at the same frequencies."""
+    """A measured response curve: one or more harmonics at the same frequencies."""
 
     groups: Sequence[MeasuredHarmonic]  # measured harmonics, the fundamental first
-    test: Test  # the test, or one of several tests with one tone each
+    test: Test  # the test, or one of the single-tone tests that form the curve
 
 
 def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
-    """Return curves by name: one per test, or one for all single tones of a level."""
+    """Return curves by name: one for each test, but one for all single-tone tests of a level."""
     curves: dict[str, Curve] = {}
     tones: dict[float, list[Test]] = {}
     for test in tests:
@@ -70,7 +72,7 @@ def predict_curve(source: Source, test: Test) -> Predicted:
 
 
 def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
-    """Predict the harmonics of all curves: of the response, or of the force if it varied."""
+    """Predict the harmonics of all curves: of the response, or of the force if that was free."""
     predictions: dict[int, Predicted] = {}
     for residuals in dict.fromkeys(curve.test.residuals for curve in curves):
         indices = [i for i, curve in enumerate(curves) if curve.test.residuals == residuals]
@@ -80,9 +82,9 @@ def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
 
 
 def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> list[Predicted]:
-    """Predict the harmonics of curves that have the same residual terms."""
-    # Phases of a force are relative to the displacement, those of a response to the source. Errors
-    # include real and imaginary parts.
+    """Predict the harmonics of those curves that have the same residual terms."""
+    # Phases of a force refer to the displacement, those of a response to the source. Errors include
+    # real and imaginary parts.
     groups = [group for curve in curves for group in curve.groups]
     data = Points.of(groups, laws=source.basis.laws, residuals=residuals)
     # Without names of their data groups, tests of equal shape share compiled code.
@@ -101,7 +103,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
             noise = noise_of(source.basis, test, repeated, label=group.label, order=group.order)
             noises.append(noise)
             if not np.any(group.values):
-                continue  # The sampling rate is too low for this harmonic.
+                continue  # The sampling rate is too low to show this harmonic.
             of_others = {
                 name: values[i, :size]
                 for name, (values, _) in others.items()
@@ -117,7 +119,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
             attrs |= {name + suffix: value for name, value in error_values.items()}
         freq = ("freq", fundamental.omega[order] / (2 * np.pi), {"units": "Hz"})
         dataset = xr.Dataset(variables, {"freq": freq, "quantile": QUANTILE_AXIS}, attrs)
-        # The amplitude at which an FRF was measured is unknown.
+        # The amplitude of the motion during an FRF measurement is unknown.
         has_amplitude = "ratio" not in test.records[0].provenance
         predictions.append(
             Predicted(dataset, peaks[:, first] if has_amplitude else None, noises[0])
@@ -128,9 +130,9 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
 def _carried(
     data: Points, draws: Draws
 ) -> tuple[Complex[np.ndarray, "draw group value"], NDArray[np.float64]]:
-    """Predict the values of each data group for every draw; return also peak displacements."""
+    """Predict the values of each data group for every draw; also return peak displacements."""
     point, column = np.asarray(data.point), np.asarray(data.position)[:, None]
-    is_point = np.asarray(data.factor) != 0  # After the last point of a group, there is padding.
+    is_point = np.asarray(data.factor) != 0  # A group's row is padded after its last point.
     held = np.array(data.of_force)
     size = count_of(draws)
     values = np.zeros((size, *point.shape), complex)
@@ -147,19 +149,19 @@ def _carried(
 
 
 def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group value"]:
-    """Return the source that the model needs for the measured motion of each data group."""
+    """Return the source with which the model would have the measured motion of each data group."""
     return data.factor * force_of(theta, data)[data.point] / theta["gain"]
 
 
 def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmonic"]:
     """Return the odd harmonics of displacement at each point, for every draw."""
     # Newton's method starts from the measured motion, which is close only if the model is right,
-    # and then from the median of the draws.
+    # and later from the median of the draws.
     motion = np.asarray(carry(motion_of, draws, data), complex)
     for _ in range(ROUNDS - 1):
         median = middle(motion)
         guess, distance = data.motion, np.abs(median - np.asarray(data.motion))[:, 0]
-        if np.all(distance < CLOSE * np.abs(median[:, 0])):  # This is False if a value is NaN.
+        if np.all(distance < CLOSE * np.abs(median[:, 0])):  # A NaN makes this comparison false.
             break
         data = replace(data, motion=jnp.where(np.isfinite(median), median, guess))
         motion = np.asarray(carry(motion_of, draws, data), complex)
@@ -188,7 +190,7 @@ def _compared(
     order: NDArray[np.intp],
     noise_std: float | None,
 ) -> tuple[dict[str, Any], dict[str, float]]:
-    """Return measured values and bands of one harmonic over frequency, with the errors."""
+    """Return the measured values and bands of one harmonic over frequency, with errors."""
     everything = {"measured": group.values, "model": model, **others}
     # Errors include real and imaginary parts, as in the likelihood.
     parts = {n: np.concatenate([np.real(x), np.imag(x)], axis=-1) for n, x in everything.items()}
@@ -207,7 +209,7 @@ def _compared(
     variables = polar("measured", measured, *how, "freq") | polar("model", model, *how)
     if noise_std is not None:
         size, turned = np.abs(model), phase_near(model, reference)
-        # Noise at right angles to a phasor changes its phase by the ratio of noise to amplitude.
+        # Noise perpendicular to a phasor changes its phase by the ratio of noise to amplitude.
         angle = noise_std / np.abs(np.median(size, axis=0))
         dims = ("quantile", "freq")
         variables["predictive_magnitude"] = (dims, gaussian_band(size, noise_std), magnitude)

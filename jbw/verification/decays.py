@@ -37,16 +37,17 @@ from jbw.verification.predicted import (
     noise_by_label,
 )
 
-NO_SHIFT = 1e-6  # relative frequency differences of records that are assumed if no decay was fitted
-MISSED_KEY = 1  # number by which the random key of the model discrepancy is derived
-# number of iterations for the frequency of a record; each reduces the phase error tenfold
+# relative standard deviation of frequency between records, assumed if no decay was fitted
+NO_SHIFT = 1e-6
+MISSED_KEY = 1  # number from which the random key of the model discrepancy is derived
+# number of iterations for a record's own frequency; each reduces the phase error tenfold
 OWN_STEPS = 8
-# small noise relative to the record's rms, with which the initial state follows the record
+# noise relative to the record's rms, so small that the initial state follows the record
 SILENT = 1e-6
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
-    """Predict free decays from their beginning, until a quarter of the amplitude is lost."""
+    """Predict free decays from their start, until they have lost a quarter of their amplitude."""
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
@@ -55,7 +56,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
             noise = RepeatNoise(float(stored.mean(draws).median()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.mean) ** 2)))
     compared = _compared(source, test, data, np.full(len(test.records), std))
-    # The strongest record starts with this displacement, at the natural frequency.
+    # The strongest record starts with this displacement and moves at the natural frequency.
     order = derivative_order(data.response)
     levels, nrmse, own, coverage, counts = (
         np.array([comparison.attrs[name] for comparison in compared])
@@ -93,9 +94,9 @@ def predict_decay(source: Source, test: Test) -> Predicted:
 
 
 def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Dataset]:
-    """Compare each free decay with the model, one dataset per record, fitted records first."""
-    # The initial state of a fitted record comes from the whole record, that of a held-out record
-    # only from its start: the remaining part is predicted, and errors refer to it.
+    """Compare each free decay with the model; return one dataset per record, fitted ones first."""
+    # The initial state of a fitted record comes from the whole record. That of a held-out record
+    # comes only from its start; the remaining part is predicted, and errors refer to that part.
     data = _reduced(source, test)
     noise_of_label = noise_by_label(source.basis.decay)
     noise_std = np.array([noise_of_label[label] for label in data.groups.labels[:num_fitted]])
@@ -104,7 +105,7 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
 
 
 def _reduced(source: Source, test: Test) -> Decays:
-    """Return decays as the likelihood needs them, with the settings of the fitted decays."""
+    """Return decays as the likelihood needs them, with the settings of the fit."""
     facts = source.basis.decay_facts
     no_shift = NO_SHIFT * source.omega_n
     stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
@@ -123,7 +124,7 @@ def _compared(
     noise_std: Float[np.ndarray, " record"],
     num_fitted: int = 0,
 ) -> list[xr.Dataset]:
-    """Compare the filtered motion of each record with the model's, from the same initial state."""
+    """Compare the filtered motion of each record with the model's, for the same initial state."""
     chosen, key, comparisons = filter_of(test), jax.random.key(source.seed), []
     several = bool(data.several)
     entered, stride = (followed(source), chosen.stride) if several else (_along(source, data), 1)
@@ -134,7 +135,8 @@ def _compared(
         held_out = i >= num_fitted
         size = num_begun(source.draws, data) if held_out else data.mean.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
-        # Names are part of a compiled program, so one name is used for all records.
+        # Names are part of a compiled program: with one name for all records, one program is
+        # enough.
         only, name = data.only(i, size), ("record",)
         groups = changed(only.groups, labels=name, runs=name, noise_std=np.array([noise]))
         seen = replace(only, groups=groups)
@@ -146,8 +148,7 @@ def _compared(
             float(np.abs(measured_envelope[k])) / omega_n ** derivative_order(data.response)
             for k in (0, np.searchsorted(time[:-1], seen_s))
         )
-        # At first the error of the law cannot be found from the record; later the smaller motion
-        # determines it.
+        # At first the record does not yet show the error of the law; later its smaller motion does.
         at_begin, at = (
             NOTHING if missed is None else missed.at(y, of_decay=True) for y in (begin, end)
         )
@@ -194,7 +195,7 @@ def at_own_frequency(
     envelope: Complex[np.ndarray, "draw time"],
     time: Float[np.ndarray, " time"],
 ) -> Complex[np.ndarray, " time"]:
-    r"""Return the median predicted envelope, corrected for the record's own natural frequency.
+    r"""Return the median predicted envelope, with the record's own natural frequency.
 
     $$\hat e(t)\,e^{j \delta t}, \qquad
       \delta = \arg\min \sum_t |m(t) - \hat e(t)\,e^{j \delta t}|^2$$
@@ -219,7 +220,7 @@ def _with_discrepancy(
     missed: AtAmplitude,
     carrier: Complex[np.ndarray, " time"],
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " time"]]:
-    """Return decays with random errors of decay rate and frequency, and the errors' rms per period.
+    """Return decays with random errors of rate and frequency, and the errors' rms per period.
 
     The decays are those of `drifted`, centred on the law's prediction.
     """
@@ -235,7 +236,7 @@ def drifted(
     time: Float[np.ndarray, " time"],
     rates: Float[np.ndarray, "2"],
 ) -> Complex[np.ndarray, "draw time"]:
-    r"""Draw envelopes with random errors of decay rate and frequency [1/s] about given envelopes.
+    r"""Add random errors of decay rate and frequency [1/s] to given envelopes.
 
     $$e_k(t)\,\exp\bigl((-\rho_\zeta z_{k1} + j \rho_\omega z_{k2})\,t\bigr), \quad z \sim N(0, I)$$
 
@@ -246,7 +247,7 @@ def drifted(
 
 
 def _along(source: Source, data: Decays) -> Entered:
-    """Return a function that predicts one-mode records for all draws and all reference models."""
+    """Return a function that predicts records of one mode for all draws and reference models."""
     decays, others = source.observed(data, decay_of)
 
     def entered(
@@ -270,7 +271,7 @@ def _entered(
     steps: Float[Array, " time"],
     law_std: float | Float[Array, ""] = 0.0,
 ) -> Complex[Array, "draw time"]:
-    """Return the envelope of a record for each draw, from a random initial state and shift."""
+    """Return a record's envelope for each draw, from a random initial state and frequency shift."""
 
     def entered_by(pair: tuple[Array, Array]) -> Array:
         key, decay = pair

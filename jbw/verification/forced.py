@@ -42,7 +42,7 @@ Placed = Iterator[tuple[str, xr.Dataset]]  # comparisons, each with its path in 
 
 @dataclass(frozen=True)
 class ForcedTests:
-    """The inputs of all comparisons of driven tests.
+    """The inputs that all comparisons of driven tests share.
 
     Attributes:
         basis: Basis of predictions: draws, laws and fitted tests.
@@ -65,7 +65,7 @@ class ForcedTests:
     def attempted(
         self, test: Test, build: Callable[[], Placed], what: str = ""
     ) -> dict[str, xr.Dataset]:
-        """Make a test's comparisons; if one fails, return those made before."""
+        """Make a test's comparisons; if one of them fails, return the comparisons made before."""
         under_way.info("%s", test.name)
         made: dict[str, xr.Dataset] = {}
         what = messages.comparison_of(test.name, what)
@@ -73,7 +73,7 @@ class ForcedTests:
         return made
 
     def missed(self, test: Test) -> AtAmplitude:
-        """Return the law's model discrepancy for the bands of a test; zero for fitted tests.
+        """Return the model discrepancy for the bands of a test; it is zero for fitted tests.
 
         The noise of fitted tests includes the discrepancy.
         """
@@ -84,14 +84,14 @@ class ForcedTests:
     def beside(
         self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
-        """Return the draws from which a test is predicted; for a fitted run, those of that run."""
+        """Return the draws that predict a test; they are those of its run if that was fitted."""
         missed = self.missed(test) if discrepancy is None else discrepancy
         references = of_run(self.simpler, self.basis.run_of(test), drive_of(test))
         how = {"seed": self.seed, "references": references}
         return source_of(self.basis, test, num_draws, missed, **how)
 
     def marks(self, test: Test) -> dict[str, Any]:
-        """Return attributes of a test: whether it was fitted, and what its bands include."""
+        """Return a test's attributes: whether it was fitted, and what its bands include."""
         is_fitted, basis = test.name in self.fitted, self.basis
         return {
             "fitted": int(is_fitted), "offsets": int(len(basis.scatter) > 0),
@@ -102,7 +102,7 @@ class ForcedTests:
     def marked(
         self, kind: str, name: str, test: Test, predicted: Predicted
     ) -> tuple[str, xr.Dataset]:
-        """Return a prediction with its path in the result tree, without a band if it has none."""
+        """Return a prediction with its path in the result tree; omit a band that is withheld."""
         attrs, is_fitted = self.marks(test), test.name in self.fitted
         attrs |= {"noise": predicted.noise.says}
         extrapolation = predicted.extrapolation(self.basis)
@@ -114,14 +114,14 @@ class ForcedTests:
         return where, without_band(compared) if withheld else compared
 
     def frf(self, motion: Motion) -> Placed:
-        """Yield the comparison of a record's frequency response, in the most driven band."""
+        """Yield the comparison of a record's frequency response in the most driven band."""
         test = motion.test
         band_hz = most_driven(test.records[0], self.bands_hz)
         frf = compare_frfs(motion, band_hz).assign_attrs(self.marks(test))
         yield place("verification/frf", test.name), frf
 
     def sweep(self, test: Test) -> Placed:
-        """Yield the comparison of a sweep over time and by its frequency response."""
+        """Yield the comparisons of a sweep: over time, and by its frequency response."""
         source = self.beside(test)
         motion = motion_of(source, test)
         yield from self.attempted(test, partial(self.frf, motion), FRF).items()
@@ -131,13 +131,13 @@ class ForcedTests:
         yield self.marked("sweep", test.name, test, shown)
 
     def response(self, test: Test) -> Placed:
-        """Yield the comparison of a frequency response under random input, for a few draws."""
+        """Yield the comparison of the frequency response to random input, for a few draws."""
         source = replace(self.beside(test, NUM_FEW, NOTHING), references={})
         for where, frf in self.frf(motion_of(source, test, substeps=1)):
             yield where, frf.assign_attrs(discrepancy=0)
 
     def curves(self, named: Mapping[str, Curve], discrepancy: AtAmplitude) -> Placed:
-        """Yield the comparisons of all curves of one run and drive, predicted together."""
+        """Yield the comparisons of all curves of one run and one drive, predicted together."""
         together = list(named.values())
         source = self.beside(together[0].test, discrepancy=discrepancy)
         compared = predict_curves(source, together)
@@ -145,7 +145,7 @@ class ForcedTests:
             yield self.marked("curve", name, curve.test, predicted)
 
     def whole(self, test: Test) -> Placed:
-        """Yield the comparison of a test with its prediction, as is usual for its kind."""
+        """Yield the comparison of a test with the prediction for its kind of test."""
         source = self.beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS)
         yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
 
@@ -201,7 +201,7 @@ def verify_forced(
 def _curves_together(
     forced: ForcedTests, tests: Sequence[Test]
 ) -> dict[tuple[str | None, str, AtAmplitude], dict[str, Curve]]:
-    """Group curves by run, drive and model discrepancy; fitted single tones are kept separate."""
+    """Group curves by run, drive and model discrepancy; do not mix fitted and held-out tones."""
     curves = curves_of([test for test in tests if test.name in forced.fitted])
     held_out = [test for test in tests if test.name not in forced.fitted]
     curves |= curves_of(held_out, " (held out)")

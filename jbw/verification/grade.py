@@ -130,7 +130,7 @@ def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
 
 
 def status_of(seen: Seen, limit: float) -> Status:
-    """Return the status of a grade: ok if predictive, usable if approximate, otherwise failed."""
+    """Return the status of a grade: ok if predictive, usable if approximate, else failed."""
     if seen.coverage < LEAST_COVERAGE:
         return "failed"
     if seen.error <= limit and seen.worst <= WORST * limit and not seen.is_withheld:

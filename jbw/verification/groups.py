@@ -20,18 +20,18 @@ from jbw.verification.predictive_basis import count_of, seen_of
 
 
 class Group(NamedTuple):
-    """One data group of a test with its predictions; complex values as magnitudes."""
+    """One data group of a test with its predictions, in which complex values are magnitudes."""
 
     label: str
     measured: Float[np.ndarray, " value"]  # mean of the repeats
     model: Float[np.ndarray, "draw value"]
     others: dict[str, Float[np.ndarray, " value"]]  # predictions of reference models
     noise: RepeatNoise  # noise of each repeat
-    std: float | None  # sd of the noise of the mean of the repeats, for the bands
+    std: float | None  # standard deviation of the noise in the mean of the repeats, for the bands
 
 
 def _observable(test: Test) -> type[Observable] | None:
-    """Return a test's likelihood class if the test is compared by data groups alone."""
+    """Return the likelihood class of a test that is compared by its data groups alone, or None."""
     taking = (kind for kind in OBSERVABLES if test.kind in kind.kinds and not kind.own_shifts)
     return next(taking, None) if test.traits.is_plain or test.traits.is_controlled else None
 
@@ -42,7 +42,7 @@ def has_groups_alone(test: Test) -> bool:
 
 
 def predict_groups(source: Source, test: Test) -> Predicted:
-    """Predict all data groups of a test, joined to one dataset, each with its `unit` and bands.
+    """Predict all data groups of a test; return one dataset with bands, and the unit of each group.
 
     The error is the root mean square over the values of all groups.
     """
@@ -62,7 +62,7 @@ def predict_groups(source: Source, test: Test) -> Predicted:
 
 
 def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]:
-    """Yield the label and the prediction of each data group of a test."""
+    """Yield the label and the separate prediction of each data group of a test."""
     observable, basis = _observable(test), source.basis
     if observable is None:
         raise TypeError(f"Tests of kind {test.kind} have no observable.")
@@ -105,7 +105,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
         attrs |= {"level": test.level, "level_unit": level_unit}
 
     def relative(values: np.ndarray) -> np.ndarray:
-        """Return 1 plus the prediction error relative to its reference value."""
+        """Return 1 plus the error of values relative to the reference value."""
         return 1.0 + (values - group.measured) / reference
 
     others = {name: relative(values) for name, values in group.others.items()}
@@ -115,7 +115,7 @@ def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Data
 
 
 def groups_of(source: Source, test: Test, part: Observable) -> Iterator[Group]:
-    """Yield the data groups of a test with their predictions."""
+    """Yield the data groups of a test with the predictions of model and reference models."""
     predicted, others = source.observed(part)
     plain = np.abs if part.groups.is_complex else np.asarray
     for i, label in enumerate(part.groups.labels):

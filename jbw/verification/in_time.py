@@ -45,15 +45,16 @@ from jbw.verification.predicted import (
 from jbw.verification.predictive_basis import Basis, Draws, count_of, natural_hz
 
 NEAR = (0.75, 1.25)  # band around a mode, relative to its natural frequency
-OUTSIDE = 0.005  # part of the input's power that is left out below and above its band
+OUTSIDE = 0.005  # fraction of the input's power that is omitted on each side of its band
 # time, in units of 1 / (zeta omega_n), after which the effect of the start is below a thousandth
 FORGOTTEN = 7.0
 LEAST_LINES = 8  # smallest number of lines with which a frequency response is estimated
-SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2  # ratio of record length to segment length, with half overlap
+# ratio of record length to segment length, for segments that overlap by half
+SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2
 
 
 class Motion(NamedTuple):
-    """A test over time with its simulated responses, from the first compared sample.
+    """A test over time with its simulated responses, beginning at the first compared sample.
 
     Attributes:
         test: The test; if not measured, its response is the median of the model.
@@ -106,18 +107,18 @@ def _response(
 
 
 def reduced(basis: Basis, test: Test, substeps: int | None = None, **how: Any) -> Records:
-    """Return the records of a test as data for the likelihood, with the laws of a run."""
+    """Return a test's records in the form that the likelihood needs, with the laws of a run."""
     steps = substeps or basis.substeps
     data = Records.of([test], laws=basis.laws, substeps=steps, **how)
     return replace(data, modes=Modes((), points=basis.points), depth=None)
 
 
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
-    """Simulate the model under a test's first recorded input, by default with the run's steps."""
+    """Simulate the model under a test's first recorded input, with the run's step by default."""
     test = on_time(test)
     record = test.records[0]
-    # Use the repeats of the first record's input. The noise of the input channel is below a tenth
-    # of the input.
+    # Use the repeats that have the input of the first record: their inputs differ by less than a
+    # tenth.
     u = record.channels[record.source]
     repeats = {
         name: repeat
@@ -143,7 +144,7 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
 
 
 def followed(source: Source, test: Test, data: Records) -> Motion:
-    """Return a test with the responses of the model to its recorded input."""
+    """Return a test together with the model's responses to its recorded input."""
     (model, peak), others = source.carried(
         lambda draws, laws: responses_at(draws, replace(data, laws=laws))
     )
@@ -155,9 +156,8 @@ def followed(source: Source, test: Test, data: Records) -> Motion:
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
-    """Predict the records of a test over time and, if possible, the receptance."""
-    # The first seconds (at least `settle`) are omitted, because the state before the record is
-    # unknown.
+    """Predict the records of a test over time and, if it can be estimated, the receptance."""
+    # Omit the first seconds (at least `settle`), because the state before the record is unknown.
     motion = motion_of(source, test)
     dataset = compare_records(source, motion)
     record = motion.test.records[0]
@@ -177,7 +177,7 @@ def compare_in_time(
     repeats: Float[np.ndarray, "repeat time"] | None = None,
     num_repeats: float = 1.0,
 ) -> tuple[xr.Dataset, Float[np.ndarray, "draw time"], dict[str, Float[np.ndarray, " time"]]]:
-    """Return a test's mean and bands over time, with the draws and the reference models.
+    """Return a test's mean and bands over time, with the draws and reference models.
 
     Bands are those of a mean of `num_repeats`. If `repeats` are given, coverage counts their
     values, and the band is that of the parameters alone if no noise is known.
@@ -222,14 +222,14 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 
 
 def _resolves(motion: Motion, band_hz: tuple[float, float]) -> bool:
-    """Return whether the segments of a broadband record have enough spectral lines in a band."""
+    """Return whether a broadband record's segments have enough spectral lines in a band."""
     segment_s = (motion.model.shape[1] - motion.unsettled) / (SEGMENTS * motion.data.fs)
     lines = (band_hz[1] - band_hz[0]) * segment_s
     return motion.test.traits.is_broadband and lines >= LEAST_LINES
 
 
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
-    """Compare the FRF of each repeat with the FRF of each draw, estimated in the same way."""
+    """Compare the FRF of each repeat with the FRFs of the draws, estimated in the same way."""
     test, record = motion.test, motion.test.records[0]
     whole = test.traits.is_transient and not test.settle
     unsettled = 0 if whole else motion.unsettled
@@ -282,7 +282,7 @@ def bands_of_modes(draws: Draws) -> list[tuple[float, float]]:
 
 
 def most_driven(record: Record, bands: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """Return the one of several bands [Hz] in which an input has the most power."""
+    """Return the band [Hz], out of several, in which an input has the most power."""
     source = record.channels[record.source]
     freq, power = np.fft.rfftfreq(len(source), 1 / record.fs), np.abs(np.fft.rfft(source)) ** 2
     return max(bands, key=lambda edges: _share(power, freq, edges))
@@ -295,7 +295,7 @@ def _share(
 
 
 def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, float] | None]:
-    """Return the share of an input's power near the most driven mode, and the driven band [Hz]."""
+    """Return the fraction of an input's power near the most driven mode, and its band [Hz]."""
     source = record.channels[record.source]
     freq = np.fft.rfftfreq(len(source), 1 / record.fs)[1:]
     power = np.abs(np.fft.rfft(source)[1:]) ** 2
@@ -310,7 +310,7 @@ def _around_mode(record: Record, draws: Draws) -> tuple[float, tuple[float, floa
 
 
 def _settling(test: Test, draws: Draws) -> float:
-    """Return the time to omit at the start [s]; none for sweeps from rest without `settle`."""
+    """Return the time to omit at the start [s]; zero for a sweep from rest without `settle`."""
     if test.traits.is_transient:
         return test.settle
     record = test.records[0]

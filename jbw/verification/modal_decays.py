@@ -19,17 +19,17 @@ from jbw.verification.predictive_basis import Draws, Laws, count_of, natural_hz
 
 Envelope = Complex[np.ndarray, "*draw time"]
 Envelopes = dict[str, Envelope]
-# A function of random key, the part of a record that fixes its initial state, times [s], and the
-# error of the law's frequency at first [rad/s]. It returns the envelopes of every draw and of the
+# A function of a random key, the section of a record that determines its initial state, the times
+# [s], and the law's initial frequency error [rad/s]. It returns the envelopes of all draws and
 # reference models.
 Entered = Callable[
     [Key[Array, ""], Decays, Float[np.ndarray, " time"], float], tuple[Envelope, Envelopes]
 ]
-OWN = "own_{}"  # name of a draw's normal deviation from the best initial state
+OWN = "own_{}"  # name of a draw's standard normal deviation from the best initial state
 
 
 def modes_of_draws(draws: Draws) -> Modes | None:
-    """Return the modes at the mean frequencies of the draws; None for a single mode."""
+    """Return the modes with the mean frequencies of the draws; None for a single mode."""
     hz = tuple(natural_hz(draws))
     return Modes(hz) if len(hz) > 1 else None
 
@@ -40,7 +40,7 @@ def first_mode_alone(test: Test, modes: Modes | None) -> Test:
 
 
 def followed(source: Source) -> Entered:
-    """Return a function that predicts records of several modes, from one initial state per draw."""
+    """Return a function that predicts records of several modes, with an initial state per draw."""
 
     def entered(
         key: Key[Array, ""], seen: Decays, time: Float[np.ndarray, " time"], law_std: float
@@ -57,12 +57,13 @@ def followed(source: Source) -> Entered:
 
 
 def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
-    """Return the envelope of a record for one draw of its initial state and frequency shift."""
+    """Return a record's envelope for one draw of its initial state and frequency shift."""
     structure = structure_of(theta, seen.laws)
     record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
     matched = match(structure, record, seen)
     start = jnp.append(matched.entry.state, matched.entry.shift)
-    # As for one mode, a short start has the noise of fitted records, and the prior of the shift.
+    # As for one mode, a short start has the noise of the fitted records, and the prior of the
+    # shift.
     precision = matched.precision * seen.fraction / seen.groups.noise_std[0] ** 2
     covariance = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
     centre = -covariance[:, -1] * matched.entry.shift / seen.shift_std**2

@@ -21,7 +21,7 @@ Others = dict[str, Time]
 
 
 def completed(basis: Basis, data: Records, model: Draws, others: Others) -> tuple[Draws, Others]:
-    """Add a test's own residual constants, if it has any, to all predicted responses.
+    """Add residual constants, fitted to the test itself, to all predicted responses of a test.
 
     The constants are fitted in the test's band.
     """

@@ -11,7 +11,7 @@ def place(group: str, name: str) -> str:
 
 
 def safe(name: str) -> str:
-    """Return a name that is valid in the result tree, where a slash begins a subgroup.
+    """Return a name with characters replaced that are invalid in the paths of a result tree.
 
     HDF5 reads a name that consists of dots as this group or its parent.
     """
@@ -20,7 +20,7 @@ def safe(name: str) -> str:
 
 
 def repeats_named(records: Sequence[Record]) -> list[str]:
-    """Return names of repeats: the records' names if all differ, else numbers from one."""
+    """Return names of repeats: the names of the records if all differ, else numbers from one."""
     names = [record.name for record in records]
     if all(names) and len(set(names)) == len(names):
         return names

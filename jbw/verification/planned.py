@@ -17,13 +17,13 @@ from jbw.verification.bands import QUANTILE_AXIS, gaussian_band, polar
 from jbw.verification.predicted import Predicted, Source, noise_of
 from jbw.verification.predictive_basis import Basis, Draws, Laws
 
-FADE = 0.02  # duration of the fade-out, relative to that of the sweep
+FADE = 0.02  # duration of the fade-out as a fraction of the sweep's duration
 
 
 def planned_sweep(
     basis: Basis, band_hz: tuple[float, float], level: float, duration: float, fs: float
 ) -> Test:
-    """Return a linear sweep from rest as a test, in the unit of the run's source.
+    """Return a linear sweep from rest as a test; its source has the unit of the run's source.
 
     The fade covers the last 2 % of the sweep.
     """
@@ -88,7 +88,7 @@ def predict_planned(source: Source, test: Test) -> Predicted:
 
 
 def _record(basis: Basis, kind: str, source: np.ndarray, fs: float) -> Record:
-    """Return a record with only the source, in the units of the run."""
+    """Return a record that contains only the source, in the units of the run."""
     driven = [
         fitted_test
         for fitted_test in basis.seen.values()

@@ -26,10 +26,10 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
 from jbw.verification.withheld import OF_BAND, is_withheld, without_band
 
-# An input hardly excites the mode if less than this part of its power is near the mode.
+# An input hardly excites the mode if less than this fraction of its power is near the mode.
 HARDLY = 0.01
-MOST_SAMPLES = 8_000_000  # largest number of samples that are simulated in all draws together
-FEWEST = 20  # smallest number of draws, even for long records
+MOST_SAMPLES = 8_000_000  # largest number of samples that are simulated for all draws together
+FEWEST = 20  # smallest number of draws, used for long records
 ERROR_ALONE = messages.ERROR_ALONE
 ERRORS = (*OF_BAND, "nrmse", "nrmse_own_frequency")
 
@@ -40,7 +40,7 @@ class Request:
 
     num_draws: int = NUM_DRAWS  # largest number of posterior draws; long records use fewer
     noise: bool = True  # whether bands include known noise
-    gain: Gain = None  # gain by drive: as stated in the tests' campaign, or 1 / modal mass
+    gain: Gain = None  # gain by drive, as the campaign of the tests states it, or as 1 / modal mass
     seed: int = 0  # seed of the random numbers
 
 
@@ -83,7 +83,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
         facts |= {"lacking": ", ".join(lacking)}
-    # A free decay's level is its initial amplitude; the stated level has another unit.
+    # A free decay's level is its initial amplitude; its stated level has another unit.
     if np.isfinite(test.level) and not test.traits.is_free:
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
         facts |= {"level": test.level, "level_unit": unit}
@@ -113,7 +113,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
 
 
 def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
-    """Return the function that predicts a test, by its kind and whether it was measured."""
+    """Return the function that predicts a test of this kind, measured or only planned."""
     traits = test.traits
     if has_groups_alone(test):
         return predict_groups
@@ -127,7 +127,7 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
 
 
 def _require_modes_known(basis: Basis, test: Test) -> None:
-    """Raise a DataError if a run has several modes and the prediction supports only one."""
+    """Raise a DataError if a run has several modes and the test can be predicted for one only."""
     in_time = route_of(test) in (predict_records, predict_periods, predict_decay)
     if has_further_modes(basis.posterior) and not in_time:
         raise DataError(
@@ -138,7 +138,7 @@ def _require_modes_known(basis: Basis, test: Test) -> None:
 
 
 def _require_point_known(basis: Basis, test: Test) -> None:
-    """Raise a DataError if a response is at a point that the run does not know."""
+    """Raise a DataError if a test's response is at a point that the run does not know."""
     if test.point and test.point not in basis.points:
         raise DataError(
             f"Test `{test.name}` is measured at `{test.point}`, but the run has "
@@ -149,7 +149,7 @@ def _require_point_known(basis: Basis, test: Test) -> None:
 
 
 def _source(basis: Basis, test: Test, request: Request) -> Source:
-    """Return the draws for the prediction of a test, fewer for long records."""
+    """Return the draws that predict a test; use fewer draws for long records."""
     most, route = request.num_draws, route_of(test)
     gain = _gain_for(basis, test, request)
     if route in (predict_records, predict_periods, predict_groups):
@@ -160,7 +160,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """Return the model that predicts a test: among compared laws, chosen by kind and amplitude."""
+    """Return the compared law that predicts a test best, by the test's kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):
@@ -171,34 +171,34 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 
 
 def _reach(basis: Basis, test: Test, request: Request) -> float:
-    """Return a test's largest displacement relative to the largest fitted one, from a few draws."""
+    """Return a test's largest displacement / largest fitted displacement, from a few draws."""
     if route_of(test) is predict_decay:
-        return 1.0  # Before the prediction, the displacement is unknown.
+        return 1.0  # The displacement is unknown before the prediction.
     gain = _gain_for(basis, test, request)
     extrapolation = _by_few_draws(basis, test, gain, request.seed).extrapolation(basis)
     return 1.0 if extrapolation is None else extrapolation
 
 
 def _by_few_draws(basis: Basis, test: Test, gain: float | None, seed: int) -> Predicted:
-    """Predict a test by few draws, to find its amplitude."""
+    """Predict a test from a few draws, to find its amplitude."""
     draws = basis.draws_for(test, LANES, gain, seed)
     return route_of(test)(Source(basis, draws, seed=seed), test)
 
 
 def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0) -> AtAmplitude:
-    """Return the model discrepancy at the amplitude of a test that was not fitted.
+    """Return the model discrepancy at the amplitude of a held-out test.
 
     The amplitude is predicted by a few draws. For free decays the result is zero here, because each
     record has its own amplitude.
     """
     discrepancy = basis.discrepancy
     if discrepancy is None or discrepancy.is_nothing or route_of(test) is predict_decay:
-        return NOTHING  # Every record of free decay has its own amplitude.
+        return NOTHING  # Each free decay has its own amplitude.
     return discrepancy.at(next(iter(_by_few_draws(basis, test, gain, seed).amplitudes), None))
 
 
 def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
-    """Return the gain for the source of a test; None if the run has the same source."""
+    """Return the gain for a test's source; None if the run was driven by the same source."""
     drive = "force" if test.traits.is_prescribed else drive_of(test)
     if (stated := gain_of(request.gain, drive)) is not None:
         return stated
@@ -214,7 +214,7 @@ def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
 
 
 def warnings_of(dataset: xr.Dataset) -> list[str]:
-    """Return warnings on the reliability of a prediction, in one sentence each.
+    """Return warnings on the reliability of a prediction, each as one sentence.
 
     Examples:
         A sweep at twice the fitted level moves the joint beyond the fitted displacements:
@@ -260,7 +260,7 @@ def row_of(dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def chosen(tests: tuple[Test, ...], names: tuple[str, ...], argument: str) -> tuple[Test, ...]:
-    """Return tests by names that were given as `argument`; all tests if no name is given."""
+    """Return the tests with the given names; all tests if no name is given."""
     by_name = {test.name: test for test in tests}
     missing = [name for name in names if name not in by_name]
     if missing:

@@ -40,8 +40,9 @@ LANES = 8  # number of draws that are evaluated in parallel
 class RepeatNoise(NamedTuple):
     """The noise of one repeat of a test."""
 
-    std: float | None  # sd of the noise, in the unit of the compared values; None if unknown
-    says: str  # origin of the noise level, or why it is unknown
+    # standard deviation of the noise, in the unit of the compared values; None if unknown
+    std: float | None
+    says: str  # source of the noise level, or the reason why it is unknown
 
 
 NOT_KNOWN = RepeatNoise(None, UNKNOWN)
@@ -57,13 +58,13 @@ class Predicted(NamedTuple):
 
     @property
     def amplitudes(self) -> tuple[float, ...]:
-        """The largest displacement of each free decay, or its median over draws, in m."""
+        """The largest displacement [m] of each free decay, or of the test (median of draws)."""
         if self.begins or self.peak is None:
             return self.begins
         return (float(np.median(self.peak)),)
 
     def extrapolation(self, basis: Basis) -> float | None:
-        """Return the largest predicted displacement (99.5 %) relative to the largest fitted one."""
+        """Return the largest predicted displacement (99.5 %) / the largest fitted displacement."""
         if self.peak is None or basis.y_peak <= 0:
             return None
         return float(band(self.peak)[-1]) / basis.y_peak
@@ -71,18 +72,18 @@ class Predicted(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """The draws to predict from, with reference models for comparison."""
+    """The draws from which a test is predicted, with reference models for comparison."""
 
     basis: Basis
     draws: Draws
     # Parameters and laws of the reference models, which have no hysteresis.
     references: Mapping[str, tuple[Mapping[str, float], Laws]] = field(default_factory=dict)
     noise: bool = True  # whether bands include known noise
-    # Which coverage is computed if noise is unknown: 0 that of the parameters' band, None no
+    # Noise level that replaces an unknown one: 0 for bands of the parameters alone, None for no
     # coverage.
     bare: float | None = None
     seed: int = 0
-    # Draws of other laws, which follow the draws of this run's law.
+    # Draws of other laws, which are appended to the draws of this run's law.
     beside: tuple[tuple[Draws, Laws], ...] = ()
     # The draws of all laws without the model discrepancy; empty if there is none.
     undisturbed: tuple[tuple[Draws, Laws], ...] = ()
@@ -102,7 +103,7 @@ class Source:
     def std(
         self, known: RepeatNoise, model: NDArray[Any], num_repeats: float = 1.0, share: float = 1.0
     ) -> float | None:
-        r"""Return the standard deviation of a mean of K repeats, from noise and model error.
+        r"""Return the standard deviation of the mean of K repeats, from noise and model error.
 
         $$\sqrt{f \sigma^2 / K + s^2 \,\mathrm{mean}(m^2)}$$
 
@@ -124,7 +125,7 @@ class Source:
         num_repeats: float = 1.0,
         share: float = 1.0,
     ) -> tuple[NDArray[Any], dict[str, NDArray[Any]], float | None]:
-        """Return the shifted draws, the reference models, and the noise level for bands.
+        """Return draws about the law's prediction, reference models, and the noise for bands.
 
         The last value is the result of `std`.
         """
@@ -159,7 +160,7 @@ class Source:
 def source_of(
     basis: Basis, test: Test, num_draws: int, missed: AtAmplitude, gain: Any = None, **how: Any
 ) -> Source:
-    """Return the draws for the prediction of a test, from every law of a run.
+    """Return the draws that predict a test, with contributions from every law of a run.
 
     Args:
         basis: Basis of the run's predictions.
@@ -191,9 +192,9 @@ def is_measured(test: Test) -> bool:
 
 
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
-    """Evaluate a prediction for every draw, several in parallel, by one program for any number."""
-    # `predict` must be a function of a module, so that its compiled program is found again. All of
-    # `args` except arrays is constant in that program.
+    """Evaluate a prediction for every draw, several in parallel, by one compiled program."""
+    # `predict` must be a function of a module, so that its compiled program is found again. In this
+    # program all of `args` except arrays are constant.
     return at_points(_prediction, draws, (predict, args), lanes=min(LANES, count_of(draws)))
 
 
@@ -211,7 +212,7 @@ def noise_of(
     order: int = 0,
     behind: str = "",
 ) -> RepeatNoise:
-    """Return the noise of one repeat: fitted, from repeats, or the median of similar fitted tests.
+    """Return the noise of one repeat: from the fit, from repeats, or from similar fitted tests.
 
     `behind` is the text after the test's name in the label of its group, if it has several.
     """
@@ -221,7 +222,7 @@ def noise_of(
         return RepeatNoise(fitted_noise[label or test.name], OWN)
     if repeated.std is not None:
         return repeated
-    if not basis.seen:  # A run without information on its tests has only sweeps.
+    if not basis.seen:  # A run that stores nothing about its tests has only sweeps.
         comparable = {
             name: (None, std) for name, std in fitted_noise.items() if test.traits.is_transient
         }
@@ -246,7 +247,7 @@ def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
 
 
 def of_repeats(groups: Groups, group: int = 0) -> RepeatNoise:
-    """Return the noise of one repeat, from the variation between the repeats of a data group."""
+    """Return the noise of one repeat, from the variation between a data group's repeats."""
     columns = groups.within, groups.size, groups.num_repeats
     within, size, count = (float(column[group]) for column in columns)
     if count < 2:

@@ -37,21 +37,21 @@ from jbw.quantities import (
 AS_RECORDED = "as_recorded"
 # Names of all groups of a result tree that `basis_of` reads.
 GROUPS_OF_BASIS = ("posterior", AS_RECORDED, "runs", "discrepancy", "steps")
-NUM_DRAWS = 100  # number of draws from which the ends of 99 % bands are computed
+NUM_DRAWS = 100  # number of draws that give the ends of 99 % bands
 SUBSTEPS = 2  # solver steps per sample, for a run that does not state them
-SCATTER_KEY = 200  # number by which the random key of the variation between runs is derived
+SCATTER_KEY = 200  # number from which the random key of the variation between runs is derived
 Draws = dict[str, NDArray[np.float64]]
 Laws = tuple[str, ...]
 
 
 class CampaignTest(NamedTuple):
-    """A test of the run's campaign, with the facts that predictions need."""
+    """A test of the run's campaign, with the properties that predictions need."""
 
     kind: str
     source: str  # unit of the source; empty if there is none
-    response: str  # compared quantity; the source if the response was controlled
+    response: str  # measured quantity; for a controlled response, the source
     level: float | None = None  # level of the test; None if unknown
-    family: str = ""  # name of the data group that tests of one level share
+    family: str = ""  # name of the data group that all tests of one level form
     drive: str = ""  # the drive; empty if unknown
     stated_unit: str = ""  # unit of the response in the record; empty if not stated
 
@@ -64,30 +64,30 @@ class Basis:
     held: Mapping[str, float]  # parameters that were fixed
     seen: Mapping[str, CampaignTest]  # tests of the run's campaign; empty if unknown
     y_peak: float  # largest fitted displacement [m]; 0 if unknown
-    # standard deviation of omega_n [rad/s] and zeta between runs; empty without run offsets
+    # standard deviations of omega_n [rad/s] and zeta between runs; empty without run offsets
     scatter: tuple[float, ...]
     substeps: int  # solver steps between samples
-    decay: xr.Dataset  # posterior of the free decays, or else the main one
-    # For fitted free decays: the fraction `worth` of values that are independent, and the standard
-    # deviation `shift_std` of natural frequencies between records [rad/s].
+    decay: xr.Dataset  # posterior of the free decays alone, or else the main posterior
+    # Of fitted free decays: the fraction `worth` of their values that are independent, and the
+    # standard deviation `shift_std` of natural frequencies between records [rad/s].
     decay_facts: Mapping[str, float]
     laws: Laws
-    # Draws of omega_n and zeta in each fitted run, for evenly spaced posterior draws; None without
-    # run offsets.
+    # Draws of omega_n and zeta in each fitted run, one for each evenly spaced posterior draw; None
+    # without run offsets.
     runs: xr.Dataset | None = None
-    # Other laws with a share of the draws. Tests and noise are those of this law.
+    # Other laws, each with its share of the draws. Tests and noise are those of this law.
     beside: tuple[tuple[float, "Basis"], ...] = ()
-    # The compared laws for predictions beyond the fitted amplitudes, and for other kinds of test;
-    # None to use this law.
+    # Compared laws that predict beyond the fitted amplitudes, and other kinds of test; None: this
+    # law does.
     outward: "Basis | None" = None
     across: "Basis | None" = None
-    # Residual terms of single units of a population, which predictions of new units omit.
+    # Residual terms that only some units of a population have; predictions of new units omit them.
     lacking: tuple[str, ...] = ()
     points: tuple[str, ...] = ()  # additional points where responses are measured
     discrepancy: Discrepancy | None = None  # model discrepancy of the law; None if unknown
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
-        """Return how many draws this law and each other law contribute, with the basis of each."""
+        """Return the number of draws that each law contributes, with the basis of that law."""
         counts = [(round(share * num_draws), basis) for share, basis in self.beside]
         counts = [(count, basis) for count, basis in counts if count >= 2]
         num_first = num_draws - sum(count for count, _ in counts)
@@ -113,7 +113,7 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """Draw the parameters of a joint in a new run, and the gain [N/kg per unit of the source].
+        """Draw the parameters of a joint in a new run, with the gain [N/kg per unit of the source].
 
         Parameters of a drive with separate ones are returned under their plain names; for other
         drives, under all names. `missed` is the model discrepancy that the draws include.
@@ -123,7 +123,7 @@ class Basis:
         return scattered(key, theta, self._scatter(theta, missed))
 
     def _scatter(self, draws: Draws, missed: AtAmplitude) -> tuple[float, ...]:
-        """Return the sd of omega_n and zeta, due to differences of runs and model discrepancy."""
+        """Return the sd of omega_n and zeta, from differences of runs and model discrepancy."""
         by_law = missed.frequency * float(np.mean(draws["omega_n"])), missed.damping
         if not any(by_law):
             return self.scatter
@@ -138,7 +138,7 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """Return draws for the prediction of a test, with omega_n and zeta of its run if fitted.
+        """Return the draws that predict a test; if its run was fitted, with its omega_n and zeta.
 
         Free decays use draws of their own posterior and no gain.
         """
@@ -173,21 +173,21 @@ class Basis:
 
     @property
     def misses(self) -> bool:
-        """Whether the error of the law exceeds noise on tests that were not fitted."""
+        """Whether the error of the law exceeds the noise of held-out tests."""
         return self.discrepancy is not None and not self.discrepancy.is_nothing
 
     def has_fitted(self, test: Test) -> bool:
-        """Return whether a test was fitted: a data group's name begins with its name."""
+        """Return whether a test was fitted: a fitted group's name begins with the test's name."""
         fitted = noise_by_label(self.posterior)
         matches = (belongs_to(label, test.name) for label in fitted)
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
 
     def model_error(self, test: Test, missed: AtAmplitude) -> float:
-        """Return the law's relative error of a test's response, less that of omega_n and zeta."""
+        """Return the law's relative error in a test's response, beyond that of omega_n and zeta."""
         return 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind, missed)
 
     def scatters(self, test: Test) -> bool:
-        """Return whether the bands of a test include the variation between runs."""
+        """Return whether a test's bands include the variation between runs."""
         return len(self.scatter) > 0 and (self.runs is None or self.run_of(test) is None)
 
     def _complete(self, draws: Draws, gain: float | None) -> Draws:
@@ -217,7 +217,7 @@ def count_of(draws: Mapping[str, Any]) -> int:
 
 
 def parameter_names(laws: Laws) -> tuple[str, ...]:
-    """Return the names of the parameters of the oscillator and its laws, and `gain`."""
+    """Return the names of the parameters of oscillator and laws, and `gain`."""
     return ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)), "gain")
 
 
@@ -241,12 +241,12 @@ def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
         return draws
     b = std * generator(key).standard_normal((count_of(draws), len(OFFSETS)))
     moved = {name: draws[name] + b[:, i] for i, name in enumerate(OFFSETS)}
-    # Damping must stay positive: an offset can reduce it to a hundredth at most.
+    # Damping must stay positive, so an offset reduces it to a hundredth at most.
     return {**draws, **moved, "zeta": np.maximum(moved["zeta"], 0.01 * draws["zeta"])}
 
 
 def laws_of_run(tree: xr.DataTree) -> Laws:
-    """Return a run's laws; unnamed ones (before 0.1) are the default law and a spring, if any."""
+    """Return a run's laws; if none are stored (before 0.1), the default law and any spring."""
     if "posterior" not in tree.children:
         raise DataError(
             "The result has no group /posterior, from which predictions are made.",
@@ -277,16 +277,16 @@ def basis_attrs(
 
 
 def decay_attrs(data: Decays) -> dict[str, str]:
-    """Return the attributes for predictions from a separate posterior of free decays."""
+    """Return the attributes that predictions from a posterior of free decays need."""
     constants = {"worth": data.fraction, "shift_std": data.shift_std, "substeps": data.substeps}
     return {"decay": json.dumps({name: float(value) for name, value in constants.items()})}
 
 
 def basis_of(tree: xr.DataTree) -> Basis:
-    """Return the inputs of a run's predictions, read from its result."""
+    """Return the inputs of a run's predictions from its stored result."""
     laws, attrs = laws_of_run(tree), tree.attrs
     posterior = posterior_draws(tree)
-    # Predicted measurements have the same instrument errors, so no uncertainty is added for them.
+    # Predicted measurements have the same instrument errors, so their uncertainty is not added.
     if AS_RECORDED in tree.children:
         posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)
     tests, held, decay = (json.loads(str(attrs.get(n, "{}"))) for n in ("tests", "held", "decay"))
@@ -311,7 +311,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
 
 
 def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Dataset:
-    """Return the posterior for predicting free decays: their own, unless it lacks the joint."""
+    """Return the posterior that predicts free decays: their own one, unless it lacks the joint."""
     place = "/steps/decay/posterior"
     own = tree[place].to_dataset() if place in tree.groups else posterior
     of_joint = {quantity.name for quantity in quantities_of(laws)} & set(posterior)
@@ -330,7 +330,7 @@ def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
 
 
 def seen_of(test: Test) -> CampaignTest:
-    """Return the facts of a test that predictions need: kind, source unit, compared quantity."""
+    """Return the properties of a test that predictions need: kind, source unit, quantity."""
     record = test.records[0]
     place = (test.level if np.isfinite(test.level) else None, family_of(test), drive_of(test))
     if test.traits.is_prescribed:
@@ -347,6 +347,6 @@ def seen_of(test: Test) -> CampaignTest:
             response = source
     # A free decay has no source, even if its record includes an input.
     unit = "" if test.traits.is_free else record.units.get(source, "")
-    # After the unit, the text is on its conversion to SI.
+    # The text after the unit states its conversion to SI.
     stated_unit = record.provenance.get(f"unit of {response}", "").partition(",")[0]
     return CampaignTest(test.kind, unit, response, *place, stated_unit)

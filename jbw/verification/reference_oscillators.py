@@ -26,8 +26,9 @@ from jbw.observables.residual_terms import bounds, neighbours_of
 from jbw.oscillator.modes.assembled import is_assembled
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
-FREELY = 1e3  # factor on the allowed variation between runs, so that it hardly limits the fit
-STIFFEST = 10.0  # largest cubic stiffness, relative to omega_n^2, at the largest displacement
+FREELY = 1e3  # factor on the allowed variation between runs, with which it hardly restricts the fit
+# largest force of the cubic spring at the largest displacement, relative to the linear force
+STIFFEST = 10.0
 
 
 class Reference(NamedTuple):
@@ -47,7 +48,7 @@ class Reference(NamedTuple):
 def of_run(
     references: Mapping[str, Reference], run: str | None, drive: str = ""
 ) -> dict[str, tuple[dict[str, float], tuple[str, ...]]]:
-    """Return the parameters and laws of each reference model in one run (None: a new run).
+    """Return the parameters and laws of each reference model in one run; None means a new run.
 
     Parameters of a drive with separate ones are returned under their plain names.
     """
@@ -64,7 +65,7 @@ def of_run(
 def references(
     data: Dataset, known: Mapping[str, float], kinds: Sequence[str] = ("linear",)
 ) -> dict[str, Reference]:
-    r"""Fit a linear and a cubic oscillator to all fitted tests, with least relative error.
+    r"""Fit a linear and a cubic oscillator to all fitted tests, with minimum relative error.
 
     $$\min \sum_i |d_i - m_i|^2 / |d_i|^2, \qquad
       \ddot y + 2\zeta\omega_n\dot y + \omega_n^2 y + \lambda_3 y^3 = g u$$
@@ -103,7 +104,7 @@ def _fitted(
     kind: str,
     joint: Dataset,
 ) -> Reference:
-    """Fit one kind of oscillator with least relative error, with run offsets if the joint has them.
+    """Fit one kind of oscillator with least relative error; use run offsets if the joint has them.
 
     The fit starts from a simpler oscillator that it contains, with its offsets, so it cannot be
     worse.
@@ -130,7 +131,7 @@ def _fitted(
         data, scatters=joint.scatters, scatter=jax.device_put(FREELY * np.asarray(joint.scatter))
     )
     offsets = before.runs
-    for _ in range(2):  # The second round is linearised at the offsets of the first.
+    for _ in range(2):  # The second round is linearised about the offsets of the first.
         data = with_directions(theta, data, offsets)
         theta = costly_fit(stacked, box(within), data, starts=theta, **close).theta
         offsets = best_offsets(theta, data)
@@ -138,7 +139,7 @@ def _fitted(
 
 
 def _spring(forced: Sequence[Any], estimates: Mapping[str, float], kind: str) -> Reference:
-    """Fit a linear or cubic spring to prescribed loops by least relative error.
+    """Fit a linear or cubic spring to loops of prescribed motion, with minimum relative error.
 
     The minimum is that of sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2.
     """

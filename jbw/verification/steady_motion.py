@@ -24,14 +24,14 @@ from jbw.verification.in_time import compare_in_time, followed, reduced
 from jbw.verification.predicted import Predicted, Source, carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-MOST_POINTS = 2048  # largest number of points of a loop that is stored
+MOST_POINTS = 2048  # largest number of stored points of a loop
 NUM_POINTS = 512  # number of points in a cycle
-BAND = (0.5, 20.0)  # band for integration and differentiation, relative to the tone's frequency
+BAND = (0.5, 20.0)  # band of the integration and differentiation, relative to the tone's frequency
 FORCE, LENGTH = {"units": "N/kg"}, {"units": "m"}
 
 
 def predict_loop(source: Source, test: Test) -> Predicted:
-    """Predict the force along a prescribed displacement, and its work W = int F dy."""
+    """Predict the force along a prescribed displacement, and the work W = int F dy."""
     (data,) = Loops.reduce([test], laws=source.basis.laws)
     (force,) = groups_of(source, test, data)
     force = force._replace(
@@ -70,14 +70,14 @@ def predict_loop(source: Source, test: Test) -> Predicted:
 def beside_load_cell(
     data: Loops, measured: Float[np.ndarray, " time"], model: Float[np.ndarray, "draw time"]
 ) -> Float[np.ndarray, "draw time"]:
-    """Add a load cell's offset and drift, fitted as the test states, to predicted forces."""
+    """Add a load cell's fitted offset and drift to predicted forces, as the test states."""
     columns = np.asarray(data.groups.spanned)[0][:, compared(data.groups, 0)]
     residual = measured - np.median(model, axis=0)
     return model + (residual @ columns.T) @ columns
 
 
 def predict_periods(source: Source, test: Test) -> Predicted:
-    """Predict the steady response to a multisine over a period, and its spectra in a band."""
+    """Predict the steady response to a multisine over one period, and its spectrum in a band."""
     cut = periods(test) or test
     data = reduced(source.basis, cut, periodic=True)
     motion = followed(source, cut, data)
@@ -98,7 +98,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
 
 
 def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
-    r"""Compare the measured hysteresis loops under a tone with the model's bands.
+    r"""Compare the hysteresis loops measured under a tone with the bands of the model.
 
     The measured force is $F = g V - a - 2\zeta\omega_n v$ (Eq. (1)) with gain and damping of every
     draw, so that its band includes their uncertainty. The predicted force is the same expression on
@@ -162,7 +162,7 @@ def _cycles(record: Record, test: Test, omega: float) -> Float[np.ndarray, "4 ph
 def _kinematics(
     x: NDArray[np.float64], fs: float, band_hz: tuple[float, float], response: str
 ) -> list[NDArray[np.float64]]:
-    """Return displacement, velocity and acceleration, from the one that was measured."""
+    """Return displacement, velocity and acceleration from whichever of them was measured."""
     order = derivative_order(response)
     motions = [x]
     for _ in range(order):

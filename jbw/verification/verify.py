@@ -37,10 +37,11 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
 from jbw.verification.withheld import is_withheld, without_band
 
-# A simpler oscillator is the better model if the law's error is this many times its error.
+# If the law's error is this many times that of a simpler oscillator, the oscillator is the better
+# model.
 BETTER = 1.1
-# The root of 2: if a linear oscillator's error equals the joint's, noise may explain all of it, and
-# the band includes as much noise.
+# The root of 2: if both oscillators have the same error, noise may explain all of it, and the band
+# contains this noise a second time.
 NOISE_BESIDE = 2**0.5
 REACH = float(norm.ppf(QUANTILES[-1]))  # half width of a 99 % band, in standard deviations
 SIMPLER = ("linear", "cubic")
@@ -50,7 +51,7 @@ Groups = dict[str, xr.Dataset]
 def verify(
     measured: Measured, posteriors: Posteriors, basis: Basis, seed: int, attempts: Attempts
 ) -> Groups:
-    """Compare every test with the model and the reference models; return results by path.
+    """Compare every test with the model and the reference models; return the results by path.
 
     A comparison that cannot be made is omitted, with a message in `attempts`.
     """
@@ -80,7 +81,7 @@ def _verify_free(
     seed: int,
     attempts: Attempts,
 ) -> Groups:
-    """Compare free decays with the model, record by record and against amplitude."""
+    """Compare free decays with the model, both record by record and against amplitude."""
     groups: Groups = {}
     together, num_fitted = decays.together, len(decays.fitted.records)
     draws = basis.draws_for(together, NUM_DRAWS)
@@ -109,7 +110,7 @@ def _verify_free(
 
 
 def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
-    """Return free decays as a dataset, and the parameter names of all modes in free motion."""
+    """Return free decays as a dataset, and the names of all modes' parameters in free motion."""
     held = {ratio.name: 1.0 for _, _, ratio, *_ in MODES if ratio.name in draws}
     names = [quantity.name for mode in MODES for quantity in mode[:2] if quantity.name in draws]
     return Dataset.of([decays], held), "omega_n", "zeta", *names
@@ -127,7 +128,7 @@ def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
 
 
 def prediction_findings(tree: xr.DataTree) -> list[Finding]:
-    """Return findings on simpler oscillators' errors, and on the coverage of held-out tests."""
+    """Return findings on the errors of simpler oscillators, and on coverage of held-out tests."""
     tests = predicted_tests(tree)
     laws = json.loads(str(tree.attrs.get("laws", "[]")))
     return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests)]
@@ -149,7 +150,7 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
         if np.isfinite(other) and other > 0
     }
     ratios = {key: nrmse / other for key, (nrmse, other) in errors.items()}
-    # A model that cannot be solved counts as worse than any other.
+    # A model that cannot be solved counts as worse than every other model.
     ratios = {key: ratio if np.isfinite(ratio) else np.inf for key, ratio in ratios.items()}
     if not ratios:
         return []
@@ -165,7 +166,7 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
 
 
 def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
-    """Check whether a band's model discrepancy exceeds even the error of a linear oscillator.
+    """Check whether the model discrepancy in a band exceeds even a linear oscillator's error.
 
     Empty if the bands have no discrepancy, or the joint has little effect: the linear oscillator is
     close, and no worse than the joint.
@@ -185,7 +186,7 @@ def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> li
 
 
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
-    # At another level, harmonics and loops may have another noise: typical noise proves nothing.
+    # Harmonics and loops at another level may have other noise, so typical noise proves nothing.
     shares = {
         name: coverage
         for name, (coverage, fitted, count) in _numbers(tests, "coverage", "fitted", "num_values")
@@ -209,6 +210,6 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
 
 
 def _no_band(names: Sequence[str]) -> Finding:
-    """Return the finding that no held-out test has a band, so that coverage is not assessed."""
+    """Return the finding that coverage is not assessed, because no held-out test has a band."""
     reason, action = withholding.bands_withheld(names), withholding.FIT_THAT_LEVEL
     return Finding("held_out_coverage", "not assessed", reason, float("nan"), action)

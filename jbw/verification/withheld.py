@@ -11,13 +11,13 @@ OF_BAND = ("coverage", "num_values", "half_width")
 
 
 def is_withheld(basis: Basis, amplitudes: Iterable[float]) -> bool:
-    """Return whether a test has no band, because the law's error at its amplitude is unknown."""
+    """Return whether a band is withheld, because the law's error at the amplitude is unknown."""
     discrepancy = basis.discrepancy
     return discrepancy is not None and not all(map(discrepancy.is_stated, amplitudes))
 
 
 def without_band(dataset: xr.Dataset) -> xr.Dataset:
-    """Return the prediction of a test without its band; `noise` gives the reason."""
+    """Return the prediction of a test without its band; attribute `noise` states the reason."""
     bands = [name for name in dataset.data_vars if "predictive" in str(name)]
     bare = dataset.drop_vars(bands)
     bare.attrs = {name: value for name, value in dataset.attrs.items() if name not in OF_BAND}

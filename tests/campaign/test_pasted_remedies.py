@@ -677,6 +677,32 @@ def test_a_repeat_that_was_turned_over_is_cured_in_a_test_of_its_own(tmp_path, f
     assert faults(path) == []
 
 
+@pytest.mark.parametrize("which", [1, 2, 3])
+@pytest.mark.parametrize(("factor", "written"), [(1 / 9.80665, "0.101972"), (0.0254, "0.0254")])
+def test_a_test_in_another_unit_is_cured_by_the_unit(tmp_path, factor, written, which):
+    """Three sweeps of a linear mode, the acceleration of one written in another unit."""
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    stored = dict(np.load(tmp_path / "sweep.npz"))
+    for i in (1, 2, 3):
+        x = stored["x"] * (factor if i == which else 1.0)
+        x += 1e-3 * np.std(x) * np.random.default_rng(i).standard_normal(len(x))
+        np.savez(tmp_path / f"sweep_{i}.npz", u=stored["u"], x=x)
+    head, _, table = path.read_text().partition("[[test]]")
+    tables = {
+        i: f'[[test]]{table.replace("sweep.npz", f"sweep_{i}.npz")}name = "at {i}"\n'
+        for i in (1, 2, 3)
+    }
+    path.write_text(head + "".join(tables.values()))
+    (fault,) = faults(path)
+    assert f"in at {which} is" in fault.what
+    ((_, line),) = PUT.findall(fault.remedy)
+    assert line == f"scale = {{ force = {written} }}"
+    tables[which] += f"{line}\n"
+    path.write_text(head + "".join(tables.values()))
+    assert faults(path) == []
+
+
 def test_a_pasted_start_of_channels_cures(tmp_path):
     nptdms = pytest.importorskip("nptdms")
     path = tmp_path / "campaign.toml"

@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import jax
 import numpy as np
 import pytest
 
@@ -10,6 +11,7 @@ from jbw.identification import first_fit
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
 from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.space.box import bounds_by_name
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.drives import told_by
@@ -121,3 +123,19 @@ def test_beside_an_end_at_a_bound_the_others_go_on_until_one_explains_the_data(m
     assert numbers == [1, 2, 3, 4, 5, 0]
     assert [n for n, evaluations in spent if evaluations == 60] == [2, 3, 4, 5, 0, 1]
     assert by_rounds(monkeypatch, *costs)[0][0] == 2
+
+
+def test_an_earlier_fit_moves_the_start_and_not_the_bounds(monkeypatch):
+    begun = []
+
+    def caught(_key, _data, prior, values, *, alone):
+        begun.append(values)
+        return through({name: values[name] for name in prior.names}, prior, data)
+
+    monkeypatch.setattr(first_fit, "fit_from", caught)
+    monkeypatch.setattr(first_fit, "across_thresholds", lambda best, *_: best)
+    prior, data = campaign(of(4.0 * Y_PEAK))
+    start = {"omega_n": 1.02 * OMEGA_N, "zeta": 4 * ZETA, "gain": 1.0, **of(4.0 * Y_PEAK)}
+    found, _, _ = first_fit.first_fit(jax.random.key(0), data, Identify(), start=start)
+    assert bounds_by_name(found) == bounds_by_name(prior)
+    assert start.items() <= begun[-1].items()

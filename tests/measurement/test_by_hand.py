@@ -107,7 +107,7 @@ def test_heavy_damping_is_a_ratio_to_the_natural_frequency(monkeypatch):
     fits = SimpleNamespace(
         fits={"linear": fit}, scale=20 * np.pi, FIRST=0, signal=signal, weight=None
     )
-    rows = table._Rows(fits, "linear", np.ones(1))
+    rows = table._rows(fits, "linear", np.ones(1))
     assert rows.zeta == pytest.approx([3 / np.sqrt(109)], rel=1e-12)
     assert rows.hz == pytest.approx([np.sqrt(109)], rel=1e-12)
 
@@ -123,7 +123,7 @@ def test_a_decaying_velocity_falls_with_its_frequency_too(monkeypatch, order):
         fits={"quadratic": fit}, scale=20 * np.pi, FIRST=0, signal=signal, weight=None
     )
     r = np.geomspace(1.0, 0.5, 401)
-    rows = table._Rows(fits, "quadratic", r)
+    rows = table._rows(fits, "quadratic", r)
     sigma = 0.01 * (1 - order * 0.2 * r / (1 + 0.2 * r))
     # Differences along 401 amplitudes.
     assert rows.zeta[1:-1] == pytest.approx((sigma / np.hypot(sigma, 1 + 0.2 * r))[1:-1], rel=1e-5)

@@ -5,6 +5,7 @@ import pytest
 
 from jbw.campaign.check import findings
 from jbw.campaign.tables import TestSpec
+from jbw.measurement.faults import window
 from jbw.measurement.faults.window import window_constant
 from jbw.measurement.files.assemble import unwindowed
 from jbw.measurement.records import Record
@@ -192,6 +193,15 @@ def test_a_window_is_named_of_a_record_of_few_lines_of_noise(tau, seed):
 
 def test_skirts_of_a_strong_line_are_no_noise():
     assert window_constant(noisy(free(), noise=1e-9), FS, (7.5, 57.5), RATE, 0.0) is None
+
+
+@pytest.mark.parametrize("unit", [1e-4, 1.0, 300.0])
+def test_noise_is_compared_with_the_converter_step_in_the_unit_of_the_record(monkeypatch, unit):
+    step = unit / 128
+    steps = []
+    monkeypatch.setattr(window, "window_constant", lambda *given: steps.append(given[-1]))
+    found(step * np.round(128 * noisy(free())))
+    assert steps == pytest.approx([1e-2 * step], rel=1e-9)
 
 
 def test_a_beat_of_two_modes_is_neither_blow_nor_drive():

@@ -57,3 +57,13 @@ def test_impacts_and_a_second_blow_are_no_drop_outs(seed):
     assert drop_outs(x) == []
     assert drop_outs(ringing(rng)) == []
     assert drop_outs(rng.standard_normal(SIZE)) == []
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_single_steps_of_a_converter_at_rest_are_no_drop_outs(seed):
+    """Noise of 0.28 steps: most samples are rounded to zero, so that their robust scale is zero."""
+    k = np.arange(60_000)
+    first = np.exp(-14.5 * k / len(k)) * np.cos(2 * np.pi * k / 36)
+    second = 0.5 * np.exp(-10 * k / len(k)) * np.cos(2 * np.pi * k * 2.35 / 36)
+    noise = 0.28 * np.random.default_rng(seed).standard_normal(len(k))
+    assert drop_outs(np.round(400 * (first + second) + noise)) == []

@@ -105,8 +105,8 @@ EXAMPLES = {
         gain_faults.other_size(1000.0),
         gain_faults.other_sign("force"),
         gain_faults.other_sign("force", "sweep"),
-        gain_faults.other_gain(9.81, "force", "units of g"),
-        gain_faults.other_gain(-1.3, "force", "", "sweep"),
+        gain_faults.other_gain(9.78, 9.80665, "force", "units of g"),
+        gain_faults.other_gain(-1.3, -1.3, "force", "", "sweep"),
     ],
     "loop_faults": [
         loop_faults.degrading(0.001, 12, 0.2, KEEP, falls=True),

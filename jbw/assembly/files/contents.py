@@ -18,7 +18,7 @@ INDEX, ENTRY = 8, 16  # bytes that a column and an entry of a sparse matrix need
 
 @dataclass(frozen=True)
 class MatrixFile:
-    """The matrices of a file by name, with its table of degrees of freedom if it has one.
+    """The matrices of a file by name, with the file's table of degrees of freedom if any.
 
     Attributes:
         matrices: Matrices by their names in the file; "" if the format has no names.
@@ -31,11 +31,11 @@ class MatrixFile:
     nodes: Mapping[str, Position] | None = None
 
     def __post_init__(self) -> None:
-        # SciPy's compiled loops do not check indices: a damaged index would end the process.
+        # SciPy's compiled loops do not check indices: a corrupt index would end the process.
         for matrix in self.matrices.values():
             if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
                 matrix.check_format(full_check=True)
-                # SciPy does not check the shape of a matrix without stored entries.
+                # SciPy does not check the shape of a matrix without entries.
                 if np.any(np.diff(matrix.indptr) < 0):
                     raise ValueError("the row or column pointers do not rise")
 
@@ -67,7 +67,7 @@ def of_labels(
 
 
 def mirrored(row: np.ndarray, column: np.ndarray, entries: np.ndarray, size: int) -> Sparse:
-    """Build a matrix from entries; if no entry has its mirror image, fill both triangles."""
+    """Build a symmetric matrix from entries; if these fill only one triangle, mirror them."""
     keys = set(zip(row.tolist(), column.tolist(), strict=True))
     off = row != column
     if not any((j, i) in keys for i, j in keys if i != j):

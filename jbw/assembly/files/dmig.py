@@ -28,7 +28,8 @@ def contents(path: Path) -> MatrixFile:
     for name, *fields in _entries(path):
         if name not in entries:
             entries[name] = []
-        if fields[0] == "0":  # This is the header: form, type of the entries, type of the output.
+        # This line is the header: form, type of the entries, type of the output.
+        if fields[0] == "0":
             if len(fields) > 2 and fields[2] in _COMPLEX:
                 raise DataError(
                     f"Matrix {name} of {path.name} must be real, but is complex.",
@@ -83,7 +84,7 @@ def _entries(path: Path) -> Iterator[list[str]]:
 
 
 def _joined(fields: list[str]) -> list[str]:
-    """Return the fields of an entry without the empty field after the column's component."""
+    """Return the fields of an entry, without the empty one that follows the column's component."""
     name, grid, component, *rest = [*fields, "", "", ""]
     if grid in ("", "0"):
         return [name, "0", component, *rest]

@@ -36,7 +36,7 @@ def read_table(path: Path) -> list[Dof]:
 
 
 def _order(header: Sequence[str], path: Path) -> list[int]:
-    """Return the numbers of the columns row, node and direction from a table's header."""
+    """Return the positions of the columns row, node and direction in a table's header."""
     names = [name.lower() for name in header]
     columns = {"row": ("row", "index"), "node": ("node",), "direction": ("direction", "dof", "dir")}
     order = [
@@ -52,7 +52,7 @@ def _order(header: Sequence[str], path: Path) -> list[int]:
 
 
 def rows_of_table(table: Any, name: str = DOFS) -> list[Dof]:
-    """Return the degrees of freedom of a table in memory, in the order of its rows.
+    """Return the degrees of freedom that a table in memory states, in the order of its rows.
 
     Args:
         table: Texts "node:direction", or rows of [node, direction] or [row, node, direction].
@@ -95,7 +95,7 @@ def _plain(cell: Any) -> str:
 
 
 def _in_order(rows: list[list[str]], name: str) -> list[list[str]]:
-    """Return the lines of a table sorted by their row number, without that number."""
+    """Sort a table by its column of row numbers, and return it without this column."""
     try:
         numbers = [int(row[0]) for row in rows]
     except ValueError:

@@ -18,7 +18,7 @@ from jbw.report.messages import matrices as messages
 
 
 def contents(path: Path) -> MatrixFile:
-    """Read the matrices of a .mat file, with `dofs`: "node:direction", or [node, direction].
+    """Read a .mat file's matrices and `dofs`, given as "node:direction" or [node, direction].
 
     If there is a variable `nodes`, it has rows [node, x, y, z].
     """
@@ -59,7 +59,7 @@ def _v73(path: Path) -> dict[str, Any]:
 
 
 def _read73(file: h5py.File, node: Any) -> Any:
-    """Read a v7.3 variable: arrays have reversed axes, sparse matrices have compressed columns."""
+    """Read a v7.3 variable: arrays have reversed axes, sparse matrices compressed columns."""
     if isinstance(node, h5py.Group):
         if "MATLAB_sparse" not in node.attrs:
             return None

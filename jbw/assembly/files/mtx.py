@@ -30,7 +30,7 @@ def contents(path: Path) -> MatrixFile:
     with path.open(encoding="utf-8", errors="replace") as stream:
         is_market = stream.readline().startswith("%%MatrixMarket")
     if is_market:
-        # SciPy's reader reads past the end of an incomplete last line, which ends the process.
+        # SciPy's reader reads beyond an incomplete last line, which ends the process.
         content = path.read_bytes() + b"\n"
         rows, columns, entries, form, *_ = scipy.io.mminfo(BytesIO(content))
         if form == "array":

@@ -13,7 +13,7 @@ from jbw.report.messages import matrices as messages
 
 
 def contents(path: Path) -> MatrixFile:
-    """Read the matrices of an .npz file, with `dofs`: "node:direction", or [node, direction].
+    """Read an .npz file's matrices and `dofs`, given as "node:direction" or [node, direction].
 
     If there is an array `nodes`, it has rows [node, x, y, z].
     """

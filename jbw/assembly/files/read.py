@@ -18,7 +18,7 @@ from jbw.assembly.matrices import MatrixModel, matrix_model
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.report.messages import matrices as messages
 
-# There is one module for each format, with a function `contents(path) -> MatrixFile`.
+# Each format has a module with a function `contents(path) -> MatrixFile`.
 READERS = {
     ".mat": "mat",
     ".npz": "npz",
@@ -29,25 +29,26 @@ READERS = {
     ".op4": "nastran",
     ".op2": "nastran",
 }
-# Usual names of M, K and C in files, in upper case: those of jbw, of Nastran and of other programs.
+# Names of M, K and C in files, in upper case: those of jbw, of Nastran and of other programs.
 _NAMES = {
     "mass": ("M", "MASS", "MAA", "MAAX", "MGG", "MXX", "M_MAT"),
     "stiffness": ("K", "STIFFNESS", "STIF", "KAA", "KAAX", "KGG", "KXX", "K_MAT"),
     "damping": ("C", "DAMPING", "D", "BAA", "BAAX", "BGG", "BXX", "C_MAT"),
 }
-# In Abaqus' matrices, a larger entry (1e36) on the diagonal of K marks a fixed degree of freedom.
+# In matrices from Abaqus, a larger entry (1e36) on the diagonal of K marks a fixed degree of
+# freedom.
 _FIXED = 1e30
 
 Source = str | Path | Mapping[str, Any]
 
 
 def role_of(name: str) -> str:
-    """Return whether a matrix is mass, stiffness or damping by its name; "" if it is unknown."""
+    """Return what a matrix's name means: mass, stiffness or damping; "" if it is unknown."""
     return next((role for role, names in _NAMES.items() if name.upper() in names), "")
 
 
 def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixModel:
-    """Read mass and stiffness of a structure, and damping if there is one, in SI.
+    """Read the mass, stiffness and, if given, damping matrix of a structure in SI.
 
     | format | what it holds |
     |---|---|
@@ -96,7 +97,7 @@ class _Matrix(NamedTuple):
 
 
 class _Parts(NamedTuple):
-    """Mass, stiffness and optional damping, a common table of rows, and node positions if any."""
+    """Mass, stiffness and optional damping, with a common table of rows and any node positions."""
 
     matrices: tuple[_Matrix, _Matrix, _Matrix | None]
     table: Sequence[Dof] | None
@@ -128,7 +129,7 @@ def _parts(source: Source, dofs: Any) -> _Parts:
 
 
 def _in_one_order(parts: _Parts) -> _Parts:
-    """Sort matrices with named rows into the order of one table; return others unchanged."""
+    """Sort matrices with labelled rows into the order of one table; return others unchanged."""
     rows = [matrix.dofs for matrix in parts.matrices if matrix is not None]
     if not any(row is not None for row in rows):
         return parts
@@ -182,7 +183,7 @@ def _nodes(table: Any) -> Mapping[str, Position] | None:
 
 
 def _of_source(entry: Any, role: str) -> _Matrix | None:
-    """Return the mass, stiffness or damping matrix from a file or in memory; None without one."""
+    """Return a mass, stiffness or damping matrix, from a file or in memory; None if not given."""
     if entry is None:
         return None
     if not isinstance(entry, str | Path):
@@ -225,7 +226,7 @@ def _contents(path: Path) -> MatrixFile:
 
 
 def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
-    """Return a reader's result for a file; report any error of a library in one sentence."""
+    """Return a reader's result for a file; report an error of a library in one sentence."""
     if not path.is_file():
         raise DataError(
             f"File `{path}` does not exist.",
@@ -243,7 +244,7 @@ def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
 
 
 def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
-    """Return a matrix in the order of a table of rows, with zeros for rows that it lacks."""
+    """Return a matrix in the order of a table of rows; rows that it lacks are zero."""
     if matrix.dofs is None:
         return matrix
     number = {dof: i for i, dof in enumerate(table)}
@@ -256,7 +257,7 @@ def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
 
 
 def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
-    """Return the model without fixed rows, which have an entry of 1e36 on the diagonal of K."""
+    """Return the model without fixed rows, which have 1e36 on the diagonal of the stiffness K."""
     matrices: list[Sparse] = [
         None if part is None else sp.csc_array(part.matrix) for part in parts.matrices
     ]

@@ -24,7 +24,7 @@ class KernelData(eqx.Module):
     num_repeats: Float[Array, " freq"]
     noise_std: Float[Array, " freq"]  # noise of one repeat, per real component [m^-2 s^6]
     y_peak: Float[Array, " freq"]  # largest displacement of each test [m]
-    omega_n: Float[Array, ""]  # natural frequency of Step 2 [rad/s], fixed
+    omega_n: Float[Array, ""]  # fixed natural frequency from the line fit (Step 2) [rad/s]
 
     @property
     def repeats(self) -> Repeats:
@@ -110,7 +110,7 @@ def known_noise_log_likelihood(
 
 
 def residual(theta: Mapping[str, Array], data: KernelData) -> Float[Array, " values"]:
-    """Return the residuals of the mean kernels in standard errors, real parts then imaginary parts.
+    """Return the residuals of the mean kernels in standard errors: real, then imaginary parts.
 
     Reference:
         Eq. (38), weighted by the noise of each frequency.

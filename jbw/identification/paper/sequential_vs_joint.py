@@ -20,7 +20,7 @@ Moments = dict[str, tuple[float, float]]
 
 
 def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[str, Any]:
-    """Compare all parameters from the steps of Teloli et al. and from the joint posterior.
+    """Compare all parameters between the steps of Teloli et al. and the joint posterior.
 
     The result contains the mean and sd by either route; `sd_ratio`, the joint posterior's sd over
     the cut's; `difference`, cut minus joint in sds of the joint; statements and wall times. It is
@@ -55,7 +55,8 @@ def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
         if name not in steps:
             continue
         draws = _moments(posterior_draws(steps[name].posterior), steps[name].held)
-        # A step's parameter also determines its product with alpha, which the step fixes or draws.
+        # A step that determines a parameter also determines its product with alpha, which the step
+        # fixes or draws.
         names = {*names, *(p for p, factor in PRODUCTS.items() if factor in names)}
         moments |= {parameter: draws[parameter] for parameter in draws if parameter in names}
     return moments

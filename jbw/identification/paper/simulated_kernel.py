@@ -29,7 +29,7 @@ def measured_kernel(
     *,
     known_noise: bool = False,
 ) -> KernelData:
-    r"""Simulate noisy repeats of the third-order kernel, and reduce them as in Step 3.
+    r"""Simulate noisy repeats of the third-order kernel; reduce them as for its fit (Step 3).
 
     As in a campaign, the noise is unknown. It is drawn for every frequency, uniformly in its
     logarithm over a factor `UNKNOWN` to either side of the design's. This is the prior 1/sigma of
@@ -73,7 +73,7 @@ def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
 
 
 def ranked_quantities(design: KernelData) -> Mapping[str, Quantity]:
-    """Return quantities that Step 3 determines better than its parameters: lambda_3 and |H3|."""
+    """Return quantities that the kernel determines better than parameters: lambda_3 and |H3|."""
     hertz = np.asarray(design.omega) / (2 * np.pi)
     tones = {f"h3_{f:.4g}Hz": Partial(_h3_magnitude, index=i) for i, f in enumerate(hertz)}
     return {"lambda_3": _lambda_3, **tones}

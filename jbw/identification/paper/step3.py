@@ -50,7 +50,7 @@ SAMPLERS = {
 
 @dataclass(frozen=True)
 class KernelFit:
-    """The initial fit of Step 3 within prior bounds, with the kernel measured by each tone."""
+    """The initial fit to the third-order kernel (Step 3), with bounds and measured kernels."""
 
     kernels: tuple[ThirdOrder, ...]
     data: KernelData
@@ -59,7 +59,7 @@ class KernelFit:
 
 
 def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bounds:
-    """Return prior bounds at fixed relative distances on both sides of the initial fit."""
+    """Return prior bounds at given relative distances on both sides of the initial fit."""
     return {
         name: bounds_about(centre[name], 1 - share, 1 + share)
         for name, share in half_width.items()
@@ -68,7 +68,7 @@ def about(centre: Mapping[str, float], half_width: Mapping[str, float]) -> Bound
 
 
 def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrder, ...]:
-    """Return the third-order kernel measured by each tone, without the source's third harmonic.
+    """Return the third-order kernel from each tone, corrected for the source's third harmonic.
 
     The source's harmonic excites the structure while it slides under the tone, which is softer than
     in Step 2. A first kernel by H1 shows how much softer; the second kernel uses the softer
@@ -100,7 +100,7 @@ def _product(measured: ThirdOrder, linear: PooledFit) -> float:
 
 
 def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder:
-    r"""Return the kernel of one test, with the receptance of the joint that slips under its tone.
+    r"""Return the kernel from one test; its receptance is that of the joint softened by the tone.
 
     $$\frac1{H(3\omega)} = \frac1{H_1(3\omega)} - \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 
@@ -120,7 +120,7 @@ def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder
 
 
 def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Identify) -> KernelFit:
-    """Fit zeta, alpha and delta to tones at a third of the resonance; return fit and prior bounds.
+    """Fit zeta, alpha and delta to tones at a third of the resonance; return fit and bounds.
 
     The prior bounds are the campaign's if it states any, otherwise those with the relative widths
     of Teloli et al. around a first fit within physical bounds. If the optimum lies at its bounds,
@@ -149,7 +149,7 @@ def third_order_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample zeta, alpha and delta by Eq. (36) with NUTS, the original random walk, a tuned one.
+    """Sample zeta, alpha and delta from the kernel by NUTS and by two random walks (Step 3).
 
     NUTS and the tuned walk use coordinates along the ridge alpha*delta, from wall to wall of the
     box, with the noise integrated out. The walk of Teloli et al. uses the box itself, with the
@@ -187,7 +187,7 @@ def draw(
     request: SamplingRequest,
     supervision: Supervision = UNSUPERVISED,
 ) -> xr.DataTree:
-    """Draw the posterior of Step 3 along the ridge alpha*delta, with noise integrated out."""
+    """Draw the posterior of Step 3 along the ridge of constant alpha*delta; integrate out noise."""
     noisy = as_noise(step.fit)
     ridge = along_ridge(noisy.theta, noisy.covariance, step.box)
     target = Target(kernel.log_likelihood, step.box, step.data)
@@ -195,7 +195,7 @@ def draw(
 
 
 def as_noise(best: Fit) -> Fit:
-    """Return a fit with a covariance for which its residual counts as noise."""
+    """Return a fit with its covariance enlarged as if its residual were noise."""
     chi_square, dof = best.chi_square
     return replace(best, covariance=best.covariance * max(1.0, chi_square / max(dof, 1)))
 
@@ -215,7 +215,7 @@ def predicted(posterior: xr.Dataset, data: KernelData) -> NDArray[np.complex128]
 
 
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
-    r"""Return the kernel's energy over the band of the tones for each draw, shape (chain, draw).
+    r"""Return each draw's kernel energy over the band of the tones, shape (chain, draw).
 
     $$\int_B |H_3(\omega)|^2\,\mathrm{d}\omega$$
 

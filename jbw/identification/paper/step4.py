@@ -44,7 +44,7 @@ SAMPLERS = {
 
 
 class OpeningCurve(eqx.Module):
-    r"""The misfit of each level as a Chebyshev series in gamma.
+    r"""The squared residual of each level as a Chebyshev series in gamma.
 
     $$K\,|\bar v - m(\gamma)|^2 = \sum_k c_k\,T_k(s), \qquad s \in [-1, 1]$$
 
@@ -60,7 +60,7 @@ class OpeningCurve(eqx.Module):
 
 
 def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> OpeningCurve:
-    """Compute the Chebyshev series of the residual, by simulations at nodes of gamma's prior."""
+    """Compute the Chebyshev series of the squared residual, by simulations at nodes of gamma."""
     s = np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
     gamma = prior.lower[0] + (s + 1) / 2 * (prior.upper[0] - prior.lower[0])
     values = misfits(gamma, dict(held), records)
@@ -139,7 +139,7 @@ def fit_opening(
 
 
 def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
-    r"""Return the fit of gamma with a covariance from the curvature of the likelihood.
+    r"""Return the fit of gamma, with a covariance from the likelihood's second derivative.
 
     $$\frac1{\sigma_\gamma^2} = -\frac{d^2}{d\gamma^2} \log p$$
 
@@ -159,7 +159,8 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
         found,
         covariance=covariance,
         weak=weak_direction(found.theta, covariance, prior),
-        # The information is divided equally between levels, so that each residual has a row.
+        # The information is divided equally between the levels, so that each of them has a
+        # residual.
         jacobian=np.full((levels, 1), np.sqrt(information / levels)),
     )
 
@@ -174,7 +175,7 @@ def opening_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample gamma by NUTS and by the original random walk, with Steps 2 and 3 fixed.
+    """Sample gamma by NUTS and by the original random walk; fix the results of Steps 2 and 3.
 
     `statements` are put before those of each step.
 

@@ -21,11 +21,13 @@ from scipy.special import gammaln
 from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
 
 MOST_R_HAT = 1.1  # limit of R-hat in one replication, whose chains have only a few hundred draws
-MOST_FAILED = 0.01  # largest allowed part of failed replications
+MOST_FAILED = 0.01  # largest allowed fraction of failed replications
 LEVEL = 0.99  # probability of the intervals, and of the statements on them
-LEAST_P = 0.01  # smallest allowed p-value, after correction for the number of tests
+LEAST_P = 0.01  # smallest allowed p-value, corrected for the number of tests
 NUM_BINS = 20
-LEAST = 1e-9  # A smaller p-value is replaced by an upper bound, the sum of pointwise tails.
+# A p-value below this one is replaced by an upper bound, the sum of the pointwise tail
+# probabilities.
+LEAST = 1e-9
 
 
 class Ranked(NamedTuple):
@@ -44,7 +46,7 @@ class Ranked(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """The results of many replications of a posterior, by the names of the ranked quantities.
+    """The result of many replications of a posterior, by name of the ranked quantity.
 
     Attributes:
         ranks: Rank of the truth among `num_ranks` draws, from 0 to `num_ranks`, (replication,
@@ -80,7 +82,8 @@ def judged(names: tuple[str, ...], replications: Ranked, num_ranks: int) -> Cali
     failures = {
         "not finite": ~finite,
         "not arrived": ~np.asarray(replications.arrived),
-        # Draws that are NaN have no R-hat, and NaN exceeds no limit.
+        # A quantity with NaN draws has no R-hat, and NaN exceeds no limit: this comparison counts
+        # it as failed.
         "not mixed": finite & ~(np.asarray(replications.r_hat) <= MOST_R_HAT),
     }
     columns = dict(zip(names, ranks.T, strict=True))
@@ -157,7 +160,8 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
     gamma = float(np.min(2 * np.minimum(law.cdf(counts), law.sf(counts - 1))))
     if gamma * num_ranks < LEAST:
         return gamma * num_ranks
-    # Less extreme counts are inside; the factor prevents rounding from including gamma itself.
+    # Counts less extreme than gamma are inside; the factor keeps rounding from including gamma
+    # itself.
     return 1 - _stays_inside(len(ranks), num_ranks, gamma * (1 + 1e-9))
 
 
@@ -173,13 +177,13 @@ def ecdf_envelope(
     least = np.log((1 - level) / num_ranks) - 1.0
     most = 0.0 if num_ranks == 1 else np.log(1 - level) + 0.1
     root: float = brentq(excess, least, most, xtol=1e-3)  # pyright: ignore
-    # Counts are discrete, so the bisection may end on the wrong side of a step.
+    # Counts are discrete, so the bisection may end on the wrong side of a jump.
     lower, upper = _bounds(num_replications, num_ranks, float(np.exp(root - 2e-3)))
     return lower / num_replications, upper / num_replications
 
 
 def coverage_interval(inside: int, count: int, level: float = 0.99) -> tuple[float, float]:
-    """Return the Clopper-Pearson interval of a probability, from the number of cases."""
+    """Return the Clopper-Pearson interval of a probability, from `inside` of `count` cases."""
     interval = stats.binomtest(inside, count).proportion_ci(level, method="exact")
     return float(interval.low), float(interval.high)
 
@@ -191,7 +195,7 @@ def _law(num_replications: int, num_ranks: int) -> stats.distributions.rv_frozen
 def _bounds(
     num_replications: int, num_ranks: int, gamma: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return bounds that a count exceeds on either side with probability gamma/2 at most."""
+    """Return the bounds that a count leaves on each side with probability gamma/2 at most."""
     law = _law(num_replications, num_ranks)
     lower, upper = law.ppf(gamma / 2), law.isf(gamma / 2)
     # The quantile of a discrete distribution is the count or one of its neighbours.

@@ -49,9 +49,9 @@ TAIL = 0.005  # probability outside a 99 % interval on either side
 Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
 Report = Callable[[int], None]
 HALVINGS = 100
-FARTHEST = 500.0  # bound of the sampler's coordinate, beyond which the exponential overflows
-EDGE = 1e-15  # smallest distance of a quantile's probability from 0 and 1
-# errors of NumPyro for a missing quantile function or library
+FARTHEST = 500.0  # bound of the sampler's coordinate, where the exponential overflows
+EDGE = 1e-15  # smallest distance of a prior's quantile from probability 0 or 1
+# errors that NumPyro raises if a quantile function or a library is missing
 WITHOUT = NotImplementedError, ImportError
 Prior = Mapping[str, dist.Distribution]
 Simulate = Callable[[Key[Array, ""], Theta], PyTree]
@@ -73,7 +73,7 @@ class Model(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all ranked quantities: parameters, log likelihood, additional ones."""
+        """The names of all ranked quantities: parameters, log likelihood, and user-defined ones."""
         return (*self.box.names, LOG_LIKELIHOOD, *self.quantities)
 
 
@@ -88,7 +88,7 @@ def calibrate(
     report: Report = lambda done: None,
     parts: Parts = unkept,
 ) -> Calibration:
-    """Rank true values among draws of their posterior, for many sets drawn from the prior.
+    """Rank true values among draws of their posterior, for many true values drawn from the prior.
 
     Replications run in parallel in one compiled function, `batch` at a time; those of a sampler
     that works in rounds run one after the other. A replication fails if a draw is not finite, the

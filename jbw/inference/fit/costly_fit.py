@@ -37,17 +37,22 @@ from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, 
 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 TOLERANCE = 1e-10  # relative tolerance of the sum of squares and of the step
-STEP = 1e-5  # step of a difference in the search coordinate (0 to 1): error 1e-10, rounding 1e-11
-# Widest difference at an optimum in the search coordinate; in wider ones a residual is curved.
+# step of a difference in the search coordinate (0 to 1): truncation error 1e-10, rounding error
+# 1e-11
+STEP = 1e-5
+# Widest finite difference at an optimum, in the search coordinate; over wider ones, residuals are
+# not linear.
 WIDEST = 0.02
-# range of standard errors' ratios at which differences are wide enough; largest number of rounds
+# Largest ratio of standard errors before and after widening for which the first differences
+# suffice, the same for later ones, and the largest number of widenings.
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12
-UNIFORM = 12.0  # precision of a uniform prior on the unit cube
+UNIFORM = 12.0  # inverse variance of a uniform prior on the unit cube
 # A residual of this size or more is rejected, because its square may overflow.
 OUT_OF_REACH = 1e100
-# The hyperbolic sine is nearly a logarithm above this part of the upper bound.
+# The coordinate, a hyperbolic sine, is nearly a logarithm above this fraction of the upper bound.
 NEAR_ZERO = 0.01
-# It is used if a lower bound of zero or less is smaller than this part of the upper one.
+# It is used if a lower bound of zero or less has a magnitude below this fraction of the upper
+# bound.
 LOPSIDED = 0.5
 
 
@@ -144,7 +149,7 @@ def wide_enough(
     differences: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     s: NDArray[np.float64],
 ) -> Float[np.ndarray, "residual parameter"]:
-    r"""Return the Jacobian, with differences as wide as a standard deviation if that changes it.
+    r"""Return the Jacobian by differences; widen steps to a standard deviation if 1e-5 is unsafe.
 
     $$h_i = 1 / \lVert J_i \rVert$$
 
@@ -180,7 +185,7 @@ def precision(
 def trust_region(
     part: Part, start: NDArray[np.float64], max_evaluations: int, tolerance: float
 ) -> OptimizeResult:
-    r"""Minimise by scipy's trust region in normalised coordinates; reject unsolvable points.
+    r"""Minimise by scipy's trust region in search coordinates; reject points that cannot be solved.
 
     $$[J \; r] = Q R: \qquad J^T J, \; J^T r \; \text{and} \; r^T r \; \text{are those of} \; R$$
 
@@ -231,7 +236,7 @@ def residual_at(
 
 
 def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
-    r"""Return a function of a point and a flag that gives the residual (0) or its Jacobian (1).
+    r"""Return a function (point, flag) that returns the residual (flag 0) or its Jacobian (1).
 
     $$\frac{\partial r}{\partial s_i} \approx \frac{r(s + h e_i) - r(s - h e_i)}{2h}$$
 
@@ -243,7 +248,7 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
 
 
 def part_of(evaluate: Evaluate) -> Part:
-    """Return a function that gives the residual (flag 0) or its Jacobian (1) at a point."""
+    """Return a function (point, flag) that returns the residual (flag 0) or its Jacobian (1)."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -256,7 +261,7 @@ def part_of(evaluate: Evaluate) -> Part:
 
 
 def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
-    """Return a function from points to residuals; they are NaN if too large or unsolvable."""
+    """Return a function that maps points to residuals, which are NaN if too large or unsolvable."""
 
     def evaluate(points: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point value"]:
         rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=FIT_LANES)
@@ -281,19 +286,19 @@ def _slope(
     behind: Float[np.ndarray, "parameter residual"],
     steps: Float[np.ndarray, "parameter 1"],
 ) -> Float[np.ndarray, "residual parameter"]:
-    """Return the Jacobian by central differences; one-sided if the model fails on one side."""
+    """Return the Jacobian by central differences; one-sided where the model fails on one side."""
     sides = [np.all(np.isfinite(side), axis=1, keepdims=True) for side in (ahead, behind)]
     ahead, behind = (
         np.where(ok, side, here) for ok, side in zip(sides, (ahead, behind), strict=True)
     )
     steps = steps * np.maximum(np.sum(sides, axis=0), 1)
-    # The point may be rejected: its residual is not finite.
+    # If the residual of the point itself is not finite, the differences are not either.
     with np.errstate(invalid="ignore", over="ignore"):
         return ((ahead - behind) / steps).T
 
 
 def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: int) -> Solved | None:
-    """Return the data with costly predictions precomputed, if the residual is `solved_first`."""
+    """Return the data with costly predictions computed in advance if the residual supports it."""
     residual, data = residual_and_data
     solver = getattr(residual, "solver", None)
     if solver is None or (solved := solver(theta, data, threads)) is None:
@@ -315,8 +320,13 @@ def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array,
 
 
 def parameters_at(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
-    """Return the parameters by name at points of the search coordinates."""
-    return named(np.asarray(_forward(search_coordinate(box), jax.device_put(s))), box)
+    """Return the parameters by name at points of the search coordinates.
+
+    Few programs are compiled, as numbers of points are rounded up to powers of two.
+    """
+    spare = (1 << (len(s) - 1).bit_length()) - len(s)
+    padded = jax.device_put(np.pad(s, ((0, spare), (0, 0)), "edge"))
+    return named(np.asarray(_forward(search_coordinate(box), padded))[: len(s)], box)
 
 
 @eqx.filter_jit

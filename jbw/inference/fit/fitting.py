@@ -21,7 +21,7 @@ BOX_STD = 1 / np.sqrt(12)  # standard deviation of a normalised parameter that i
 # relative and absolute tolerance of the sum of squares and of the parameters' logits
 TOLERANCE = 1e-9
 MOST_STEPS = 256
-# Distance to a bound, relative to the prior's width, below which the optimum may lie beyond it.
+# If an optimum is closer to a bound than this fraction of the prior's width, it may lie beyond.
 NEAR_BOUND = 0.01
 THINNEST = 1e-14  # smallest eigenvalue of a correlation matrix
 START_MARGIN = 1e-3  # smallest distance of starts from a bound, because the logit is infinite there
@@ -65,7 +65,7 @@ class Fit:
 def to_first_order(
     quantities: Callable[[Mapping[str, Array]], Mapping[str, Array]], best: Fit
 ) -> tuple[dict[str, float], dict[str, float]]:
-    r"""Return functions of the parameters at a fit, with standard deviations to first order.
+    r"""Return functions of a fit's parameters, with standard deviations by linearisation.
 
     $$\sigma_q = \sqrt{g^T C g}, \qquad g = \partial q / \partial\theta$$
     """
@@ -131,7 +131,7 @@ def describe_optimum(
 ) -> Fit:
     """Return a `Fit` from its optimum, residual and Jacobian."""
     values, rows = svd_of_all(jacobian)
-    # Along no direction is the Gaussian wider than the prior.
+    # In no direction is the Gaussian allowed to be wider than the prior.
     root = rows.T / np.maximum(values, 1 / BOX_STD)
     width = np.asarray(box.upper) - np.asarray(box.lower)
     covariance = _definite(root @ root.T * np.outer(width, width))
@@ -229,8 +229,8 @@ def real(residual: Array) -> Float[Array, " residual"]:
 def svd_of_all(
     jacobian: Float[np.ndarray, "residual parameter"],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return a Jacobian's singular values, one per parameter, with their directions as rows."""
-    # Added rows of zeros give directions without data the singular value 0.
+    """Return a Jacobian's singular values, one per parameter, and right singular vectors (rows)."""
+    # With added rows of zeros, a direction that the data do not constrain has the singular value 0.
     missing = max(0, jacobian.shape[1] - len(jacobian))
     padded = np.vstack([jacobian, np.zeros((missing, jacobian.shape[1]))])
     return np.linalg.svd(padded, full_matrices=False)[1:]
@@ -242,7 +242,7 @@ def _at_bound(
     residual: Float[np.ndarray, " residual"],
     names: tuple[str, ...],
 ) -> dict[str, str]:
-    """Return the parameters near a bound whose next Newton step would reach it or go beyond."""
+    """Return the parameters close to a bound that the next Newton step would reach or cross."""
     curvature = np.sum(jacobian**2, axis=0)
     newton_end = x - (jacobian.T @ residual) / np.where(curvature > 0, curvature, np.inf)
     lower = (x < NEAR_BOUND) & (newton_end <= 0)

@@ -23,25 +23,25 @@ from jbw.inference.space.box import (
 from jbw.report.messages import identified
 
 Matrix = Float[np.ndarray, "parameter parameter"]
-# A direction is weak if the posterior's sd along it is more than this part of the prior's.
+# A direction is weak if the posterior's sd along it is more than this fraction of the prior's.
 UNLEARNT = 0.7
-# A parameter belongs to a direction if its component exceeds this part of the largest one.
+# A parameter belongs to a direction if its component exceeds this fraction of the largest one.
 PRESENT = 0.3
 # Logarithms are used for a parameter that is this many standard deviations away from zero.
 RESOLVED = 2.0
 NEAR = 0.2  # An exponent closer than this to a multiple of 1/2 is rounded to it.
-# part of the prior range (or of the posterior's width, if smaller) that is cut off at an end
+# fraction of the prior range (or of the posterior's width, if smaller) that is removed at one end
 CUT = 0.1
 WIDTH = 8.0  # width of a posterior in standard deviations
 FOLLOWS = 0.1  # smallest reported shift of a mean, in sd; that of a uniform posterior is 0.17
-LEAST_SHARE = 0.01  # smallest part of the draws that must remain after a cut
+LEAST_SHARE = 0.01  # smallest fraction of the draws that must remain after a cut
 
 Draws = Mapping[str, Float[np.ndarray, "..."]]
 
 
 @dataclass(frozen=True)
 class WeakDirection:
-    """Parameters that data determine only in combination, or not at all, with a sentence."""
+    """Parameters that data determine only in combination, or not at all, and a sentence on them."""
 
     names: tuple[str, ...]
     ratio: float
@@ -79,7 +79,7 @@ def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
 
 
 def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
-    """Return which parameters differ clearly from zero if all others are fixed."""
+    """Return which parameters clearly differ from zero when all others are fixed."""
     std = np.sqrt(np.diag(covariance))
     # draws of chains that never moved
     if not (np.all(np.isfinite(covariance)) and np.all(std > 0)):
@@ -89,7 +89,7 @@ def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.b
 
 
 def _weak(posterior: Matrix, logs: NDArray[np.bool_], box: Box) -> WeakDirection | None:
-    """Return the least determined directions of a covariance, some parameters as logarithms."""
+    """Return the least determined directions of a covariance; some parameters are logarithms."""
     bounds = bounds_by_name(box).values()
     prior = np.array(
         [
@@ -114,7 +114,7 @@ def _in_words(
 ) -> str:
     rows = _determined(directions) if len(names) > directions.shape[1] else ()
     combinations = [combination(names, row, logs) for row in rows]
-    if set(combinations) <= set(names):  # no combination of several parameters
+    if set(combinations) <= set(names):  # There is no combination of several parameters.
         return identified.undetermined([name for name in names if name not in combinations])
     return identified.determined(combinations, logs=logs)
 
@@ -137,7 +137,7 @@ def _determined(
 
 
 def combination(names: Sequence[str], exponents: NDArray[np.float64], logs: bool) -> str:
-    """Return a text of a product of powers, or of a sum without `logs`, with rounded numbers."""
+    """Format a product of powers (`logs`) or a weighted sum of parameters, with rounded numbers."""
     parts = [
         (name, _rounded(float(exponent)))
         for name, exponent in zip(names, exponents, strict=True)
@@ -174,7 +174,7 @@ class Sensitivity:
 
 
 def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str, float]:
-    r"""Return how data narrow each product, $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
+    r"""Return how much data narrow each product: $1 - \mathrm{var}_{post} / \mathrm{var}_{prior}$.
 
     It is NaN if the prior's variance is infinite. Logarithms are used as in `information`: in a box
     over decades, a value known to within a factor of two would otherwise count as determined.
@@ -192,14 +192,14 @@ def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str
 
 
 def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
-    """Return whether a parameter is positive by its bounds, or because the data exclude zero."""
+    """Return whether bounds make a parameter positive, or draws show that it is not zero."""
     if lower != 0:
         return lower > 0
     return bool(np.min(draws) > 0 and np.mean(draws) > RESOLVED * np.std(draws))
 
 
 def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
-    r"""Return how far each mean shifts if a tenth of a parameter's prior range is removed.
+    r"""Return how far each posterior mean shifts if a tenth of the parameter's range is removed.
 
     $$\frac{E[\theta \mid \theta_i \in B'] - E[\theta]}{\mathrm{sd}(\theta)}$$
 

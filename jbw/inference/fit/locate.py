@@ -59,7 +59,8 @@ def locate(
     u = jax.random.uniform(key, (search.num_looks, len(box.names)))
     costs = jax.lax.map(lambda point: _cost(residual(point)), u, batch_size=search.num_looks)
     optimum = _descend(residual, u[jnp.argmin(costs)], search.num_steps)
-    # These bounds are so wide that the sampler's logit is nearly linear in the prior range.
+    # These bounds are so wide that the sampler's logit transform is nearly linear over the prior
+    # range.
     reach = WIDER * (upper - lower)
     bounds = lower - reach, upper + reach
     logit = interval(*bounds).inverse(inner.forward(optimum.u))
@@ -102,7 +103,8 @@ def _descend(
         normal = at.jacobian.T @ at.jacobian
         shaped = normal + at.damping * jnp.diag(jnp.diagonal(normal))
         move = jnp.linalg.solve(shaped, at.jacobian.T @ at.residuals)
-        # The first step does not move: so the Jacobian appears once in the program.
+        # The first step does not move the point: in this way the program contains the Jacobian only
+        # once.
         u = jnp.where(i == 0, at.u, jnp.clip(at.u - move, -BEYOND, 1 + BEYOND))
         jacobian, residuals = jax.jacfwd(both, has_aux=True)(u)
         better = (_cost(residuals) < _cost(at.residuals)) | (i == 0)

@@ -32,19 +32,23 @@ from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY, THRESHOLD
 from jbw.report.messages import identified
 from jbw.report.messages.message import listed
 
-SENSIBLE = 10.0  # Larger exponents of a combination only reflect prior ranges of unequal width.
-AS_WELL = 2.0  # largest sd of a named combination, relative to that of the direction which it names
-# Factors compensate each other if their product's sd is less than this part of theirs.
+SENSIBLE = 10.0  # A larger exponent of a combination only reflects prior ranges of unequal width.
+# largest standard deviation of a named combination of parameters, relative to that of the direction
+# in parameter space which it describes
+AS_WELL = 2.0
+# Factors compensate each other if their product's standard deviation is less than this fraction of
+# their own.
 TOLD_APART = 0.5
 logger = logging.getLogger("jbw")
-FLAT = 0.1  # A smaller change of chi-square does not prefer a value.
-PLACES = 4  # number of points of a profile on each side of the fit, within REACH
+FLAT = 0.1  # A smaller change of chi-square does not show that one value is better than another.
+PLACES = 4  # number of points of a profile on each side of the fit, up to `REACH`
 REACH = 3.0  # range of a profile in standard deviations, slightly beyond the 2.58 of 99 %
 MOST_FURTHER = 6  # largest number of points beyond that range, each twice as far as the one before
 MOST_EVALUATIONS = 12  # evaluations per point, since the optimum of the neighbouring point is close
 TOLERANCE = 1e-7  # relative tolerance of the cost and of the step
-ON_BOUND = 1e-6  # A fit closer to a bound than this part of the prior's width lies on it.
-STEEP = 1.5  # largest change between two points, in sd, within which a profile is taken as a line
+ON_BOUND = 1e-6  # A fit closer to a bound than this fraction of the prior's width lies on it.
+# largest rise between two points, in standard deviations, for which a profile is taken as linear
+STEEP = 1.5
 # largest number of halvings of the interval in which a profile crosses its threshold
 MOST_HALVINGS = 6
 
@@ -71,7 +75,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class QuantityInformation:
-    """A parameter or product of parameters: value, standard deviation, ratio to the prior's."""
+    """A parameter or product: value, standard deviation, and the latter's ratio to the prior's."""
 
     text: str
     value: float
@@ -80,13 +84,13 @@ class QuantityInformation:
 
     @property
     def relative(self) -> float:
-        """The standard deviation divided by the value; infinite at zero."""
+        """The standard deviation divided by the value; infinite if the value is zero."""
         return self.sd / abs(self.value) if self.value else math.inf
 
 
 @dataclass(frozen=True)
 class Information:
-    """The Fisher information of a fit, by direction (strongest first), parameter and product."""
+    """The Fisher information of a fit by direction (best determined first), parameter, product."""
 
     names: tuple[str, ...]
     directions: tuple[Direction, ...]
@@ -94,7 +98,7 @@ class Information:
 
 
 def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Information:
-    r"""Return the Fisher information of the data relative to the prior, by direction.
+    r"""Return the Fisher information of the data relative to that of the prior, by direction.
 
     $$J^T J\,v = \lambda\,\Lambda\,v, \qquad \rho = (1 + \lambda)^{-1/2}, \qquad
       \Sigma = (J^T J + \Lambda)^{-1}$$
@@ -195,7 +199,7 @@ def ties(spectrum: Information, products: Iterable[Product]) -> list[str]:
 
 
 def _kind(row: QuantityInformation) -> str:
-    """Return how well a quantity is identified, in the grades of the report."""
+    """Return how well a quantity is identified, as one of the report's grades."""
     if _is_unlearnt(row):
         return "unknown"
     if row.relative <= KNOWN:
@@ -310,9 +314,9 @@ def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None
     if not beyond.size:
         return None
     j = beyond[0]
-    if j == 0:  # another profile found a better fit
+    if j == 0:  # The profile of another parameter has found a better fit.
         return float(s[0])
-    if not np.isfinite(root[j]):  # the model is not solvable there, so the rise is unknown
+    if not np.isfinite(root[j]):  # The model cannot be solved there, so the rise is unknown.
         return float(s[j])
     share = (level - root[j - 1]) / (root[j] - root[j - 1])
     return float(s[j - 1] + share * (s[j] - s[j - 1]))
@@ -345,7 +349,7 @@ def walk(
 
 
 def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
-    """Return one side of a profile, with more points where chi-square rises steeply."""
+    """Return one side of a profile, with additional points where chi-square rises steeply."""
     centre = side[0][1]
     for _ in range(MOST_HALVINGS):
         rise = np.array([max(chi_square - centre, 0.0) for _, chi_square in side])
@@ -362,16 +366,16 @@ def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
 
 
 def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
-    """Return a coordinate's standard deviation with all others free, at most the prior's."""
+    """Return a coordinate's standard deviation with all others free, at most that of the prior."""
     others, column = np.delete(jacobian, held, axis=1), jacobian[:, held]
     explained = others @ np.linalg.lstsq(others, column)[0] if others.shape[1] else 0.0
     residual = float(np.linalg.norm(column - explained))
-    # A column that others explain up to rounding contains no information.
+    # A column that the other columns explain up to rounding contains no information.
     return min(1 / residual, 1.0) if residual > 1e-9 * float(np.linalg.norm(column)) else 1.0
 
 
 def _steps(centre: float, side: float, sd: float) -> list[float]:
-    """Return the values of a coordinate in its profile, from the fit to a bound."""
+    """Return the values of a coordinate at which its profile is computed, from fit to bound."""
     room = 1 - centre if side > 0 else centre
     if room <= ON_BOUND:
         return []

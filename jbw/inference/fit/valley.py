@@ -26,14 +26,18 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.coordinates import IDENTITY, Composed, Coordinate, Vector
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-WIDE = 100.0  # bound of w, the distance from the bottom of the valley in standard deviations
+# bound of the coordinate w, the distance from the bottom of the valley in standard deviations
+WIDE = 100.0
 NUM_POINTS = 400  # number of points of the marginal density along the valley
-APART = 1e-9  # Support points closer than this in normalised coordinates count as one.
-OFF = 1.0  # largest error of the valley's bottom between two support points, in chi-square
+# Support points closer to each other than this, in normalised coordinates, count as one.
+APART = 1e-9
+# largest error of the bottom of the valley between two support points, as a change of chi-square
+OFF = 1.0
 FAR = 100.0  # rise of chi-square above which the posterior is negligible
-# slope of the valley, in units of the prior range, above which it counts as turning back
+# Above this slope, in units of the prior range, the valley counts as turning back.
 STEEP = 10.0
-# A parameter is tried if its component in the weakest direction exceeds this part of the largest.
+# A parameter may lead the valley if its component in the weakest direction exceeds this fraction of
+# the largest.
 PART = 0.3
 
 
@@ -56,7 +60,7 @@ class Floor(NamedTuple):
 
 
 class Valley(Coordinate):
-    """Coordinates of a curved valley: one parameter, and distances of others from the bottom."""
+    """Coordinates of a curved valley: one parameter, distances of the others from its bottom."""
 
     held: int = eqx.field(static=True)
     knots: Float[Array, " knot"]
@@ -76,7 +80,7 @@ class Valley(Coordinate):
         return y.at[self._others].set(away)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the log determinant of the map, which is the logarithm of the valley's width."""
+        """Return the log determinant of the map: the logarithm of the valley's width."""
         return jnp.sum(jnp.log(jnp.diagonal(self._at(x[self.held])[1])))
 
     @property
@@ -86,7 +90,7 @@ class Valley(Coordinate):
     def _at(
         self, q: Float[Array, ""]
     ) -> tuple[Float[Array, " other"], Float[Array, "other other"]]:
-        """Return the valley's bottom (extrapolated beyond its points) and root (constant there)."""
+        """Return the valley's bottom, and its covariance's root, at a value q of the parameter."""
         i = jnp.clip(jnp.searchsorted(self.knots, q) - 1, 0, self.knots.size - 2)
         length = self.knots[i + 1] - self.knots[i]
         part = jnp.clip((q - self.knots[i]) / length, 0.0, 1.0)
@@ -133,7 +137,7 @@ def along_valley(
 
 
 def _moments(floor: Floor, coordinate: Composed) -> tuple[float, float]:
-    r"""Return the mean and variance of q along the valley under $e^{-\chi^2(q) / 2}\,|\det|$."""
+    r"""Return mean and variance of the leading parameter q under $e^{-\chi^2(q) / 2}\,|\det|$."""
     size, knots = floor.points.shape[1], floor.points[:, floor.held]
     q = np.linspace(knots[0], knots[-1], NUM_POINTS)
     x = jnp.zeros((NUM_POINTS, size)).at[:, floor.held].set(jnp.asarray(q))
@@ -179,7 +183,7 @@ def _floor(
     points: Float[np.ndarray, "knot parameter"],
     chi_square: Float[np.ndarray, " knot"],
 ) -> Floor:
-    r"""Fit the bottom of a valley to optima with slopes $dc/dq = -(J_o^T J_o)^{-1} J_o^T j_q$."""
+    r"""Fit the bottom c(q) of a valley to optima with slopes $-(J_o^T J_o)^{-1} J_o^T j_q$."""
     slopes, roots = [], []
     for point in points:
         # If the model fails next to a point, only the prior range limits the other parameters.
@@ -192,7 +196,7 @@ def _floor(
 
 
 def _finer(part: Part, floor: Floor, unit: Any) -> Floor | None:
-    """Return the valley with more optima where it is inaccurate; None if it is accurate."""
+    """Return the valley with more support points where it is inaccurate; None if it is accurate."""
     middles, optima = (floor.points[1:, floor.held] + floor.points[:-1, floor.held]) / 2, []
     flat = along_valley(floor, IDENTITY, unit).outer
     for place in middles:

@@ -20,7 +20,7 @@ from jaxtyping import Array, Complex, Float
 
 Complexes = Complex[Array, "..."] | Complex[np.ndarray, "..."]
 Reals = Float[Array, "..."] | Float[np.ndarray, "..."] | float
-ROUNDING = 1e-14  # A pivot smaller than this part of its diagonal entry counts as zero.
+ROUNDING = 1e-14  # A pivot smaller than this fraction of its diagonal entry counts as zero.
 
 
 def complex_gaussian_log_likelihood(
@@ -93,7 +93,7 @@ def estimate(
     offset = solve(normal, slope)
     residual_square = total - jnp.sum(offset * slope, axis=-1)
     degrees = num_values - num_own
-    # With as many offsets as values the fit is exact, and the group has no information.
+    # With as many offsets as values, the fit is exact and the data group has no information.
     says = degrees > 0.5
     residual_square = jnp.where(says, residual_square, 1.0)
     precision = normal * jnp.where(says, degrees / residual_square, 0.0)[:, None, None]
@@ -118,7 +118,7 @@ def known_estimate(
 def solve(
     matrix: Float[Array, "group own own"], vector: Float[Array, "group own"]
 ) -> Float[Array, "group own"]:
-    """Solve each data group's normal equations; return zero if they do not determine offsets."""
+    """Solve each data group's normal equations; return zero offsets if they are undetermined."""
     lower, pivots = factorised(matrix)
     determined = jnp.all(jnp.stack(pivots) > 0, axis=0)
     inverse = [1 / jnp.where(determined, pivot, 1.0) for pivot in pivots]
@@ -163,7 +163,7 @@ def factorised(
 
 
 def run_numbers(runs: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the number of each data group's run, in order of first appearance."""
+    """Return the index of each data group's run, in order of first appearance."""
     order = list(dict.fromkeys(runs))
     return tuple(order.index(name) for name in runs)
 
@@ -179,7 +179,7 @@ def shrunk(
     runs: tuple[int, ...],
     scatter: Float[Array, " own"],
 ) -> tuple[list[Float[Array, "_group _value"]], Float[Array, "run own"]]:
-    r"""Return residuals less the effect of optimal run offsets, and offsets per standard deviation.
+    r"""Return residuals less the effect of optimal run offsets, and the standardised offsets.
 
     $$\hat b_r = (W_r + S^{-1})^{-1} \sum_{g \in r} J_g r_g, \qquad r_g - J_g^T \hat b_r,
       \qquad S^{-1/2}\,\hat b_r$$

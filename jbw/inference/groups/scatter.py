@@ -15,9 +15,9 @@ from scipy.special import ndtri
 
 from jbw.inference.groups.offsets import Estimate, log_determinant, members, solve
 
-NUM_SCATTERS = 17  # number of prior values of each standard deviation, at most half a decade apart
-NUM_ASSEMBLIES = 7  # number of prior values of the standard deviation between assemblies
-LOG_SD = float(np.log(2.0))  # sd of the prior of a logarithm around a stated median
+NUM_SCATTERS = 17  # number of grid values of each standard deviation, at most half a decade apart
+NUM_ASSEMBLIES = 7  # number of grid values of the standard deviation between assemblies
+LOG_SD = float(np.log(2.0))  # standard deviation of the prior of a logarithm around a stated median
 
 Levels = tuple[tuple[int, ...], ...]
 """The run number of each data group and, with assemblies, the assembly number of each run."""
@@ -44,7 +44,7 @@ def scatter_grid(
     assemblies: bool = False,
     medians: tuple[float | None, ...] = (),
 ) -> Float[np.ndarray, "node level_own"]:
-    """Return equally probable values of the standard deviations of runs (and of assemblies).
+    """Return equally probable values of the standard deviations of runs, and of assemblies if any.
 
     The logarithm of each scatter is uniform from `least` to `most`, with one node if they are
     equal. If a median is stated, the scatter is log-normal instead, within a factor of two in two
@@ -71,7 +71,7 @@ def log_density_of_offsets(
     levels: Levels,
     scatters: Float[Array, "node level_own"] | Float[np.ndarray, "node level_own"],
 ) -> Float[Array, ""]:
-    r"""Return the log density [nats] of run offsets that data groups estimate, scatter unknown.
+    r"""Return the log density [nats] of estimated run offsets whose standard deviation is unknown.
 
     $$\log \frac{1}{M}\sum_{S, T} \prod_a \int N(a; 0, T) \prod_{r \in a} \int N(b - a; 0, S)
       \prod_{g \in r} e^{-\frac12 (\hat b_g - b)^T W_g (\hat b_g - b)}\,db\,da$$
@@ -95,7 +95,7 @@ def draw_offsets(
     levels: Levels,
     scatters: Float[Array, "node level_own"],
 ) -> Spread:
-    """Draw the scatter and every run's offset, given the estimates of the data groups."""
+    """Draw the offsets' standard deviation and every run's offset, given the groups' estimates."""
     num_own = estimates.offset.shape[1]
     runs = _of_runs(estimates, levels)
     keys = jax.random.split(key, 3)
@@ -125,7 +125,7 @@ def _of_runs(estimates: Estimate, levels: Levels) -> _Information:
 def _nodes(
     runs: _Information, levels: Levels, scatters: Float[Array, "node level_own"], num_own: int
 ) -> Float[Array, " node"]:
-    """Return the log density of the offsets for each prior value of their scatter."""
+    """Return the log density of the offsets for each grid value of their standard deviation."""
 
     def at_scatter(scatter: Float[Array, " level_own"]) -> Float[Array, ""]:
         log_density = _integrated(runs, scatter[:num_own])
@@ -140,7 +140,7 @@ def _nodes(
 def _scaled(
     data: _Information, scatter: Float[Array, " own"]
 ) -> tuple[Float[Array, "member own own"], Float[Array, "member own"]]:
-    """Return the likelihood of x in b = s x, times its standard normal prior."""
+    """Return the likelihood of x, with offsets b = s x, times the standard normal prior of x."""
     return scatter[:, None] * data.precision * scatter + jnp.eye(len(scatter)), data.pull * scatter
 
 
@@ -152,7 +152,7 @@ def _integrated(data: _Information, scatter: Float[Array, " own"]) -> Float[Arra
 
 
 def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Information:
-    """Return the likelihood of assembly offsets a that follows from that of run offsets b = a + c.
+    """Return the likelihood of assembly offsets a that follows from run offsets b = a + c.
 
     It has the precision W - W G W and the linear term h - W G h, $G = (W + S^{-1})^{-1}$.
     """

@@ -17,8 +17,8 @@ Status = Literal["ok", "usable", "failed", "not assessed"]
 GRADE = "law_grade"  # code of the finding that states whether the law describes the data
 GRADES = {"ok": "predictive", "usable": "approximate", "failed": "not predictive"}
 WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
-# Codes of the findings that answer each question of the verdict, most important first; all other
-# findings concern sampling, or the question that they name themselves.
+# Codes of the findings that answer each question of the verdict, most important first. Every other
+# finding concerns sampling, or names its question itself.
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
@@ -62,12 +62,12 @@ class Finding:
 
     @property
     def reason(self) -> str:
-        """Return the result of the check as a sentence, with the additions of later checks."""
+        """Return the result of the check as a sentence, including what later checks added."""
         return " ".join([self.fact, *(sentence for sentence, _ in self.additions)])
 
     @property
     def fact(self) -> str:
-        """Return the result of the check as a sentence, without the additions of later checks."""
+        """Return the result of the check as a sentence, without what later checks added."""
         if isinstance(self.values, str):
             return self.values
         return sentence_of(self.entry or self.code, self.values, passed=self.status == "ok")
@@ -120,7 +120,7 @@ class Verdict:
 
 
 def kept_verdict(stored: StoredVerdict) -> Verdict:
-    """Return the verdict that a run's summary has stored."""
+    """Return the verdict that is stored in a run's summary."""
     findings = (
         Finding(
             row.code, cast("Status", row.status), row.reason,
@@ -132,7 +132,7 @@ def kept_verdict(stored: StoredVerdict) -> Verdict:
 
 
 class Amendment(NamedTuple):
-    """A change that one check makes to the findings of other checks: status, reason, remedy.
+    """A change that one check makes to another check's finding: status, reason and remedy.
 
     Attributes:
         codes: Codes of the findings that are amended.
@@ -157,7 +157,7 @@ class Amendment(NamedTuple):
 
 
 def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = ()) -> Verdict:
-    """Return the verdict from findings and their amendments; not assessed without findings."""
+    """Return the verdict on findings after amendments; not assessed if there are no findings."""
     in_order = [amendment for amendment in amendments if amendment is not None]
     judged = tuple(
         reduce(lambda finding, amendment: amendment.applied_to(finding), in_order, finding)
@@ -170,7 +170,7 @@ def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = 
 
 
 def answered(findings: Sequence[Finding]) -> Status:
-    """Return one question's status: the grade of the law if there is one, or the worst status."""
+    """Return the status of one question: the grade of the law if there is one, else the worst."""
     grade = next((finding for finding in findings if finding.code == GRADE), None)
     return grade.status if grade else worst_of({finding.status for finding in findings})
 
@@ -184,7 +184,7 @@ def worst_of(statuses: Collection[Status]) -> Status:
 
 
 def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
-    """Return an amendment that turns failed findings into usable ones within stated limits."""
+    """Return an amendment that turns a failed finding into a usable one, within stated limits."""
     return Amendment(codes, "failed", "usable", limits)
 
 
@@ -213,14 +213,14 @@ def checked(
 
 
 def question_of(code: str) -> str:
-    """Return the question of the verdict that findings of a code answer."""
+    """Return the question of the verdict that findings with this code answer."""
     if code in ASKED_BY:
         return ASKED_BY[code]
     return FINDINGS[code].question if code in FINDINGS else "sampling"
 
 
 def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, StoredAnswer]]:
-    """Yield the three answers of a verdict by name; none without findings."""
+    """Yield the three answers of a verdict by name; yield none if there are no findings."""
     looked = tuple(findings)
     for name, question in QUESTIONS.items():
         relevant = [finding for finding in looked if question_of(finding.code) == name]

@@ -10,7 +10,8 @@ Bounds = tuple[float, float]
 
 # largest factor by which more draws are suggested; beyond it, another sampler is suggested
 MOST = 20.0
-NEARER = 0.1  # distance of a new bound from the smallest value, relative to that of the old bound
+# distance of a new bound from the smallest value, as a fraction of the old bound's distance
+NEARER = 0.1
 NUM_WARMUP = 500  # number of warm-up steps suggested for a sampler without a stated number
 
 
@@ -34,7 +35,7 @@ def more_draws(num_samples: int, least: float, target: float, sampler: str = "")
 
 
 def wider(bounds: Bounds, sides: Iterable[str], least: float | None = None) -> Bounds:
-    """Return bounds widened to twice the range on given sides; positive bounds stay positive."""
+    """Return bounds with twice the range, widened on given sides; positive bounds stay positive."""
     low, high = bounds
     span = high - low
     end = 0.0 if least is None and low > 0.0 else least
@@ -45,7 +46,7 @@ def wider(bounds: Bounds, sides: Iterable[str], least: float | None = None) -> B
 
 
 def put_bounds(name: str, bounds: Bounds) -> str:
-    """Return a campaign file's line of a prior, with bounds rounded outwards to three digits."""
+    """Return the prior's line of a campaign file, with bounds rounded outwards to three digits."""
     low, high = bounds
     digits = 2 - floor(log10(high - low))
     scale = 10.0**digits

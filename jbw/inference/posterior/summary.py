@@ -61,7 +61,7 @@ def summarise(
 def _from_density(
     row: Row, draws: Float[np.ndarray, "chain draw"], bounds: tuple[float, float], density: Any
 ) -> Row:
-    r"""Convert divergence and contraction from a uniform prior to a stated prior density.
+    r"""Convert divergence and contraction, computed for a uniform prior, to a stated density.
 
     $$D(p, \pi) = D(p, U) - E_p[\log\pi + \log(u - l)]$$
     """

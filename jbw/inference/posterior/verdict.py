@@ -28,11 +28,12 @@ R_HAT = 1.01
 ESS = 400.0
 BFMI = 0.3
 FAILED_SOLVES = 0.01
-TREE_SHARE = 0.05  # largest allowed part of NUTS trajectories that end at the maximum tree depth
+# largest allowed fraction of NUTS trajectories that end at the maximum tree depth
+TREE_SHARE = 0.05
 NUM_CHAINS = 4  # number of chains that is suggested if there is only one
-# Width of the edge at a prior bound / width of a 99 % interval, and the largest number of
-# draws there / that of a uniform posterior. Half a normal distribution at its bound has 2.2, one
-# whose mean is a standard deviation away 1.0.
+# Width of the strip at a prior bound, relative to a 99 % interval, and the largest density of draws
+# in it, relative to a uniform posterior's. Half a normal distribution at its bound has 2.2; a
+# normal distribution whose mean is one standard deviation away has 1.0.
 EDGE, PILE = 0.01, 1.5
 # limits of chi-square per degree of freedom between which a fit agrees with the noise
 CHI_SQUARE = (0.2, 5.0)
@@ -41,17 +42,17 @@ GOOD_KHAT = 0.7  # Pareto shape above which weights cannot be trusted (Vehtari e
 QUADRATURE = 1e-3
 
 
-SUBSTEPS = 8  # number of solver steps per sample, if a posterior does not state it
-# Two peaks are separate modes if the density between them is below this part of the lower one.
+SUBSTEPS = 8  # number of solver steps per sample of a posterior that does not state it
+# Two peaks are separate modes if the density between them is below this fraction of the lower one.
 DEPTH = 0.5
-LEAST_SIDE = 0.02  # smallest part of the draws that a mode has; fewer draws are a tail
-# number of standard errors by which a mode's part of the draws must exceed that limit
+LEAST_SIDE = 0.02  # smallest fraction of the draws that counts as a mode; fewer draws are a tail
+# number of standard errors by which a mode's fraction of the draws must exceed `LEAST_SIDE`
 SURE_SIDE = 2.0
 NUM_POINTS = 256
 # smallest number of draws for a density estimate, so that stuck chains do not look like modes
 FEWEST = 100
-CROSSED = 100.0  # A mode's weight is known if at least so many effective draws are in it.
-AGREED = 1.05  # limit of R-hat for the part of the draws in a mode
+CROSSED = 100.0  # A mode's weight is reliable if at least this many effective draws lie in it.
+AGREED = 1.05  # largest R-hat of the fraction of draws in a mode
 
 
 def verdict(
@@ -127,13 +128,13 @@ def _least_effective(
 
 
 def bands_finding(draws: Draws) -> Finding:
-    """Return the worst convergence finding for the quantities of response bands."""
+    """Return the worst convergence finding among the quantities of response bands."""
     worst = min(_convergence(draws), key=lambda finding: WORST_FIRST.index(finding.status))
     return replace(worst, code="response_bands", entry=worst.entry or worst.code)
 
 
 def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
-    """Yield each parameter that a prior bound truncates, with the bound and the draws there.
+    """Yield each parameter that a prior bound truncates, with the bound and the draws near it.
 
     A lower bound of zero is not reported: a quantity ends there naturally, and an upper limit is a
     valid result.
@@ -203,7 +204,7 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
-    """Return the findings on a sampler that is not a Markov chain, from its statistics."""
+    """Return the findings on a sampler without Markov chains, from its statistics."""
     findings = []
     other = {"sampler": other_sampler()}
     if "khat" in facts:
@@ -226,7 +227,7 @@ def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Finding]:
-    """Return a finding if time ran out before enough draws were made, with the time needed."""
+    """Return a finding if time ran out before enough draws were made; state the time needed."""
     if "budget_spent_s" not in facts:
         return []
     spent = float(facts["budget_spent_s"])
@@ -255,7 +256,7 @@ def _fit(chi_square: float, dof: int) -> Finding:
 
 
 class ModeSplit(NamedTuple):
-    """A quantity with two modes, and the depth of the valley between them.
+    """A quantity whose posterior has two modes, and the depth of the valley between them.
 
     `depth` is relative to the lower peak's density. `weight` is the share of the draws below the
     valley. Its `error` is NaN if too few chains cross, so that the share depends on the starts.
@@ -270,7 +271,7 @@ class ModeSplit(NamedTuple):
 
 
 def deepest_split(draws: Draws) -> ModeSplit | None:
-    """Return the quantity whose two modes are most clearly separate; None without one.
+    """Return the quantity whose posterior has the most clearly separate modes, or None.
 
     Each side must clearly have more than 2 % of the draws, because fewer are a tail. Modes that
     overlap in every marginal are not detected.
@@ -306,7 +307,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | N
 def _repeated(
     values: Float[np.ndarray, " draw"], grid: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, " place"]:
-    r"""Return the standard error of s, the share of draws below a value, for repeated points.
+    r"""Return the standard error of the share s of draws below a value, if draws are repeated.
 
     $$(1 - s)^2 \sum_{below} w^2 + s^2 \sum_{above} w^2$$
     """

@@ -58,8 +58,9 @@ from jbw.inference.samplers.weighed_points import (
 from jbw.inference.space.problem import Problem, log_prior
 
 LEAST = 10.0  # smallest effective number of points per dimension with which a mixture is fitted
-ENDS = 2000.0  # effective number of draws for the ends of 99 % intervals: ten lie beyond each end
-# Sampling continues up to `ENDS` if it takes at most so many points per effective draw.
+# effective number of draws for the ends of 99 % intervals: ten draws lie beyond each end
+ENDS = 2000.0
+# Sampling continues up to `ENDS` if an effective draw costs no more than this many points.
 CHEAP = 4.0
 PATIENCE = 10  # number of rounds after which a k-hat just below the limit is accepted
 SMALL, SHARE = 8, 4  # number of smaller rounds at the beginning, and the divisor of their size
@@ -126,7 +127,7 @@ def gather(
 
 
 def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
-    """Return the effective number of draws that `num_points` trial points around the fit give."""
+    """Return the effective number of draws in `num_points` trial points around the fit."""
     return weighed(_grown(generator(key), None, problem, num_points)).effective
 
 
@@ -173,13 +174,13 @@ def _is_over(
     until: Until | None,
     spent: float,
 ) -> bool:
-    """Return whether to end sampling: enough draws, no prospect of enough, or no time left."""
+    """Return whether sampling ends: enough draws, no prospect of enough, or no time left."""
     count = len(past.rounds)
     if count >= options.most_rounds or (until is not None and spent >= until.budget_s):
         return True
     if count >= options.trial and smoothed.effective < options.least:
         return True
-    # A k-hat just below the limit may be chance: stopping at once would select such rounds.
+    # A k-hat just below the limit may be chance; stopping at once would select such cases.
     limit = SURE_KHAT if count < PATIENCE else GOOD_KHAT
     if not (smoothed.khat < limit and smoothed.effective >= ESS):
         return False
@@ -189,7 +190,7 @@ def _is_over(
 
 
 def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_points: int) -> Past:
-    """Return all points with those of one more round, drawn from refitted mixtures."""
+    """Return all points, including those of one more round, drawn from refitted mixtures."""
     first = mixtures.standard(len(problem.box.names))
     pair = (first, first) if past is None else _next_pair(rng, past)
     half_size = max(num_points // 2, 1)
@@ -220,25 +221,25 @@ def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_po
 def placed(
     problem: Problem, w: Float[np.ndarray, "point parameter"]
 ) -> tuple[dict[str, Any], Float[np.ndarray, " point"]]:
-    """Return parameters by name and log prior density at normalised points."""
+    """Return the parameters by name, and the log prior density, at normalised points."""
     return jax.tree.map(np.asarray, _placed(replace(problem, data=None), jax.device_put(w)))
 
 
 @eqx.filter_jit
 def _placed(problem: Problem, w: Float[Array, "point parameter"]) -> tuple[dict[str, Any], Any]:
-    """Return parameters and log prior density at normalised points, by one compiled function."""
+    """Return the parameters and the log prior density at normalised points (compiled)."""
     prior = partial(log_prior, problem, problem.coordinate)
     return jax.vmap(problem.theta)(w), jax.vmap(prior)(w)
 
 
 def _log_density(pair: Pair, w: Points) -> Weights:
-    """Return the log density of each point under the mixture of its half of the points."""
+    """Return the log density of each point under the mixture from which it was drawn."""
     halves = [mixtures.log_density(mixture, w[i::2]) for i, mixture in enumerate(pair)]
     return np.stack(halves, axis=1).ravel()
 
 
 def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
-    """Fit the next mixture of each half of the points to the other half (or to all points)."""
+    """Fit a mixture to each half of the points, from which the other half is drawn next."""
     raw = relative(past.log_weight)
     others = [slice(1 - i, None, 2) for i in range(2)]
     others = [half if np.any(raw[half] > SMALLEST) else slice(None) for half in others]

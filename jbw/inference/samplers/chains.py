@@ -18,21 +18,22 @@ from jbw.inference.samplers.register import Sampler, module_of
 from jbw.inference.space.coordinates import interval
 from jbw.inference.space.problem import Problem
 
-# number of random starts that are tried; then a chain starts at a point of zero likelihood
+# number of random starts that are tried; after that, a chain starts at a point of zero likelihood
 MAX_TRIALS = 100
 TOGETHER = 64  # number of points at which a function is evaluated in parallel
-OVERDISPERSION = 2.0  # sd of starting points relative to that of the Gaussian approximation
+# standard deviation of starting points, relative to that of the Gaussian approximation
+OVERDISPERSION = 2.0
 
 
 class Draw(NamedTuple):
-    """The result of one step of a chain: parameters by name, and the sampler's statistics."""
+    """One step of a chain: its parameters by name, and the sampler's statistics."""
 
     theta: dict[str, Float[Array, "..."]]
     stats: dict[str, Array]
 
 
 class Kernel(NamedTuple):
-    """A Markov chain as functions: first state, next step, and parameters of a state.
+    """A Markov chain as three functions: first state, next step, and parameters of a state.
 
     Its options have `num_warmup`, `num_samples`, `num_chains` and `chain_method`.
     """
@@ -63,7 +64,7 @@ MakeKernel = Callable[[Problem, Any], Kernel]
 
 
 class Starts(NamedTuple):
-    """The starting points of chains, with the standard deviation around them."""
+    """The starting points of chains, with the standard deviation of their random spread."""
 
     key: Key[Array, ""]
     centre: Float[Array, "chain parameter"]
@@ -73,7 +74,7 @@ class Starts(NamedTuple):
 def starts_of(
     key: Key[Array, ""], problem: Problem, points: np.ndarray | None, num_chains: int
 ) -> Starts:
-    """Return starting points: around a fit, at given points, or over the whole prior range."""
+    """Return chains' starting points: around a fit, at given points, or over the prior range."""
     size = len(problem.box.names)
     if problem.located or points is None:
         spread = OVERDISPERSION if problem.located else 1.0
@@ -92,7 +93,7 @@ def draws_of(sampler: Sampler, key: Key[Array, ""], problem: Problem, options: A
 
 
 def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options: Any) -> Draws:
-    """Run chains from spread starting points to their end; usable under `jit` and `vmap`."""
+    """Run complete chains from dispersed starting points; usable under `jit` and `vmap`."""
     starts = starts_of(key, problem, None, options.num_chains)
     total = options.num_warmup + options.num_samples
 
@@ -100,7 +101,7 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
         problem, spread = shared
         chain = make(problem, options)
         state, possible = _first_state(chain, argument, problem, spread)
-        # One loop compiles the step once; the warm-up's rows are dropped.
+        # With a single loop, the step is compiled once; rows of the warm-up are dropped.
         bounds = jnp.asarray(total), options.num_samples, options.num_warmup
         return possible, _advanced(chain, state, *bounds)[1]
 
@@ -176,7 +177,7 @@ def num_devices_for(num_chains: int) -> int:
 
 
 def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
-    """Return a function of one chain mapped over all chains, by the chosen method."""
+    """Map a function of one chain over all chains, by the chosen method."""
 
     def mapped(chains: PyTree, shared: PyTree) -> PyTree:
         arrays, static = eqx.partition(shared, eqx.is_array)
@@ -214,7 +215,7 @@ def _advanced(
     def step(i: Array, carry: tuple[PyTree, Draw]) -> tuple[PyTree, Draw]:
         state, rows = carry
         state = kernel.step(state)
-        # Rows of skipped steps go beyond the last row and are dropped.
+        # Rows of skipped steps are written beyond the last row, so that JAX drops them.
         row = jnp.where(i < skipped, capacity, i - skipped)
         return state, _set_row(rows, row, kernel.read(state))
 
@@ -238,7 +239,7 @@ def _first_state(
 ) -> tuple[PyTree, Bool[Array, ""]]:
     """Return the first state of a chain, and whether the posterior density is positive there."""
     key_start, key_chain = jax.random.split(start[0])
-    # A uniform x has a logistic logit, so a spread of 1 covers the whole prior range.
+    # For a uniform x, the logit is logistic, so a spread of 1 covers the whole prior range.
     disperse = jax.random.normal if problem.located else jax.random.logistic
 
     def propose(carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:

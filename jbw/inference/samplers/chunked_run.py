@@ -24,12 +24,12 @@ from jbw.inference.samplers.chains import (
 from jbw.inference.space.problem import Problem
 
 CHUNK = 250  # largest number of steps per chunk, small enough for a progress bar
-# duration of a chunk [s], which is the most time that is lost if the process is killed
+# duration of a chunk [s], the most time that is lost if the process is killed
 CHUNK_S = 10.0
-# All devices wait for the slowest one at the end of each chunk, which costs less in a long chunk.
-# With slow steps, a chunk takes a share of the time spent before, up to a minute.
+# At the end of each chunk, all devices wait for the slowest one, which costs less in a long chunk.
+# With slow steps, a chunk takes this fraction of the time spent before, but a minute at most.
 CHUNK_SHARE, LONGEST_S = 0.05, 60.0
-GROWTH = 4  # largest ratio of the number of steps in a chunk to that in the one before
+GROWTH = 4  # largest ratio of the numbers of steps in two successive chunks
 
 Arrays = Mapping[str, np.ndarray]
 Rows = tuple[Draw, np.ndarray]
@@ -79,7 +79,7 @@ class Kept(Protocol):
 
 
 class Until(NamedTuple):
-    """The condition that ends chains; it is evaluated each time the number of draws has doubled.
+    """The condition that ends chains; it is tested each time the number of draws has doubled.
 
     Attributes:
         enough: Function that returns whether the draws by name, (chain, draw), are enough.
@@ -214,7 +214,7 @@ def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:
 def _states(
     before: Chains, starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> PyTree:
-    """Return the states from which chains continue: the checkpoint's, or initial ones."""
+    """Return the states from which chains continue: from a checkpoint, or initial states."""
     first, possible = start_chains(starts, problem, make, options)
     if not np.all(possible):
         raise ModelError(
@@ -283,7 +283,7 @@ def _restored(like: Array, plain: np.ndarray) -> Array:
 
 
 def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) -> str:
-    """Return a hash of all that determines draws: key, starts, data, coordinates, options."""
+    """Return a hash of everything that determines the draws: key, starts, data, options."""
     functions = [
         getattr(f, "__qualname__", type(f).__name__) for f in (problem.log_likelihood, make)
     ]

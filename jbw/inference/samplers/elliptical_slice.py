@@ -26,7 +26,7 @@ from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.inference.samplers.evidence import FORBIDDEN, HEAVY, log_ratio
 from jbw.inference.space.problem import Problem
 
-# number of ellipses per draw; w^2 has the correlation 1/2 after one ellipse, 1/8 after three
+# number of ellipses per draw; the correlation of w^2 is 1/2 after one ellipse, 1/8 after three
 MOVES = 3
 COUNT = jnp.int32
 

@@ -23,12 +23,12 @@ from jbw.errors import ModelError
 from jbw.inference.space.problem import Problem
 
 HEAVY = 5.0  # degrees of freedom of Student's t distribution around a fit: heavy tails
-# log density that stands for zero density; finite, so that zero times it is not NaN
+# finite log density that represents zero density, so that zero times it is not NaN
 FORBIDDEN = -1e30
 
 
 def reference(problem: Problem) -> Distribution:
-    """Return the reference density in normalised coordinates."""
+    """Return the reference density of the importance weights, in normalised coordinates."""
     size = len(problem.box.names)
     if problem.located:
         return dist.MultivariateStudentT(HEAVY, jnp.zeros(size), jnp.eye(size))
@@ -36,7 +36,7 @@ def reference(problem: Problem) -> Distribution:
 
 
 def log_ratio(problem: Problem, w: Float[Array, " parameter"]) -> Float[Array, ""]:
-    """Return the log of posterior to reference density [nats]; FORBIDDEN if the former is zero."""
+    """Return log posterior minus log reference density [nats]; FORBIDDEN if the former is -inf."""
     value = problem.log_density(w) - reference(problem).log_prob(w)
     return jnp.where(jnp.isfinite(value), value, FORBIDDEN)
 
@@ -76,7 +76,7 @@ def highest_power(
     ends: tuple[Array, Array],
     halvings: int,
 ) -> Float[Array, ""]:
-    """Return the highest power of weights that leaves `least` draws effective, by bisection."""
+    """Return the highest power of weights with at least `least` effective draws, by bisection."""
 
     def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
@@ -90,7 +90,7 @@ def highest_power(
 def pooled_evidence(
     log_evidence: Float[Array, " run"], variance: Float[Array, " run"]
 ) -> dict[str, Float[Array, ""]]:
-    r"""Combine the evidence of independent runs [nats], with the standard error of its log.
+    r"""Combine the log evidence [nats] of independent runs; return it with its standard error.
 
     $$\log\hat Z = \log \frac1R \sum_r Z_r, \qquad
     \mathrm{se}^2 = \max\!\left(\bar{s^2},\ \mathrm{var}_r \log Z_r\right) / R$$

@@ -20,12 +20,13 @@ from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem, log_volu
 
 REACH = 6.0  # half width of the first grids in standard deviations
 NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # number of nodes per coordinate, by number of parameters
-SHRINK = 0.4  # effective part of the nodes that remains when the power of the likelihood is raised
+# fraction of the nodes that stays effective when the power of the likelihood is raised
+SHRINK = 0.4
 MOST_ROUNDS = 120
 # largest number of rounds at full likelihood: on a thin curved posterior, moments keep changing
 MOST_WHOLE = 8
 STEADY = 0.03  # Moments are final if they change by less than this, in standard deviations.
-HALVINGS = 50  # number of bisections of the logarithm of the power, from e^-60 on
+HALVINGS = 50  # number of bisections of the logarithm of the power, starting from e^-60
 DEEP = 21.0  # A grid may end where the density is so many nats below the highest node.
 WIDEST = 60.0  # largest half width of a grid in standard deviations
 WIDER = 1.2
@@ -34,7 +35,7 @@ Bounds = Float[Array, "side parameter"]
 
 
 class Stretch(Coordinate):
-    r"""A stretched coordinate for each parameter, $y = \sinh(\kappa x) / \kappa$, $\kappa$ = 1/2.
+    r"""The stretch of each coordinate, $y = \sinh(\kappa x) / \kappa$ with $\kappa$ = 1/2.
 
     Otherwise the long tails of a poorly determined parameter would take most of the nodes.
     """
@@ -53,7 +54,7 @@ class Stretch(Coordinate):
 
 
 class Grid(NamedTuple):
-    """A grid of equally spaced nodes with log densities [nats], the first coordinate slowest."""
+    """Equally spaced nodes with log densities [nats]; the first coordinate varies slowest."""
 
     whitening: Coordinate
     axes: Float[Array, "parameter place"]
@@ -81,7 +82,7 @@ class Grid(NamedTuple):
 
 
 def tensor(axes: list[Float[Array, " _place"]]) -> Float[Array, "node parameter"]:
-    """Return all combinations of values on several axes, the first axis slowest."""
+    """Return all combinations of values on several axes; the first axis varies slowest."""
     return jnp.stack(jnp.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
@@ -176,7 +177,7 @@ def located(problem: Problem) -> LogitMoments:
 def _raised(
     problem: Problem, grid: Grid, power: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, " node"]]:
-    """Return a higher power of the likelihood that a grid still resolves, with log p at it."""
+    """Return the highest likelihood power that a grid resolves, with the log density at it."""
     placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, grid.whitening)
     prior = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes) - log_volume(problem.box)
     likelihood = grid.log_p - prior
@@ -196,7 +197,7 @@ def _raised(
 def _no_narrower(
     covariance: Float[Array, "parameter parameter"], least: Float[Array, ""]
 ) -> Float[Array, "parameter parameter"]:
-    """Return a covariance that is at least as wide as the grid's nodes can resolve."""
+    """Return a covariance that is at least as wide as the spacing of the grid's nodes requires."""
     values, vectors = jnp.linalg.eigh(covariance)
     return vectors * jnp.maximum(values, least**2) @ vectors.T
 

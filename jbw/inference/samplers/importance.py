@@ -34,12 +34,13 @@ from jbw.inference.samplers.evidence import (
 from jbw.inference.space.coordinates import Affine
 from jbw.inference.space.problem import Problem
 
-FEW = 0.05  # smallest effective part of the draws from which moments are computed
+FEW = 0.05  # smallest effective fraction of the draws from which moments are computed
 DEEPEST = 200.0  # lowest log weight that is used, relative to the highest [nats]
-HALVINGS = 30  # number of bisections for the power that makes weights more equal
-SMALLEST = -700.0  # log weight that counts as zero but is finite
-NUGGET = 1e-8  # variance added to the coordinates in case draws coincide
-ENOUGH = 0.1  # Sampling succeeds if effective draws are at least this part of the returned draws.
+HALVINGS = 30  # number of bisections for the power of the weights that makes them more equal
+SMALLEST = -700.0  # finite log weight that represents zero weight
+NUGGET = 1e-8  # variance that is added to the coordinates in case draws coincide
+# Sampling succeeds if effective draws are at least this fraction of the returned draws.
+ENOUGH = 0.1
 
 
 class Options(NamedTuple):
@@ -70,7 +71,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
         return moved(whitening, w, ratio), (whitening, w, ratio)
 
     keys = jax.random.split(key_rounds, options.num_rounds)
-    # A loop is used even for one round, so that the likelihood is compiled once.
+    # A loop is used even for a single round, so that the likelihood is compiled once.
     rounds = jax.lax.scan(weigh, problem.whitening, keys)[1]
     whitening, w, ratio = jax.tree.map(lambda rows: rows[-1], rounds)
     raw = jnp.where(ratio > FORBIDDEN, ratio, -jnp.inf)
@@ -113,7 +114,7 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     try:
         with np.errstate(over="ignore"):
             log_smoothed, khat = stats.psislw(-raw)
-    except ValueError:  # Copies of one draw have no tail that could be fitted.
+    except ValueError:  # Copies of a single draw have no tail that could be fitted.
         log_smoothed, khat = raw, np.inf if np.ptp(raw) > 0 else 0.0
     return np.asarray(log_smoothed), np.asarray(khat, dtype=float)
 
@@ -135,7 +136,7 @@ def _resampled(key: Key[Array, ""], weights: Float[Array, " draw"], options: Opt
 def moved(
     whitening: Affine, w: Float[Array, "draw parameter"], ratio: Float[Array, " draw"]
 ) -> Affine:
-    """Move the normalising coordinates to the moments of weighted draws."""
+    """Centre and scale the normalised coordinates by the moments of weighted draws."""
     size, d = w.shape
     ratio = jnp.maximum(ratio, jnp.max(ratio) - DEEPEST)
 

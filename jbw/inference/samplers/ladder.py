@@ -33,16 +33,16 @@ under_way = logging.getLogger("jbw.progress")
 Places = Mapping[str, Callable[[], Reparametrisation | None]]
 
 LOOKED_AT = 256  # number of trial points to choose coordinates
-# No other coordinates are tried if more than this part of the trial points is effective.
+# No other coordinates are tried if more than this fraction of the trial points is effective.
 PLENTY = 1 / 2
-TRIAL = 12  # number of rounds after which sampling ends if too few draws are effective
+TRIAL = 12  # number of rounds after which sampling ends if too few of the points are effective
 ROUNDS = 3  # largest number of repetitions of slice sampling if its chains disagree
-# Chains can start at the moments of points if there are so many effective points per dimension.
+# Chains can start from the moments of weighted points if this many per dimension are effective.
 WORTH = 20.0
 
 
 class Sizes(NamedTuple):
-    """The numbers of chains, draws and warm-up steps; None means the sampler's own.
+    """The numbers of chains, draws and warm-up steps; None stands for the sampler's default.
 
     Attributes:
         num_chains: Number of chains, and of groups of weighted points.
@@ -125,7 +125,7 @@ def by_mixtures(
     keep: Keep = no_checkpoint,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> list[tuple[xr.DataTree, Reparametrisation]]:
-    """Draw by adaptive importance sampling, in one set of coordinates after another."""
+    """Draw by adaptive importance sampling; try one set of coordinates after another."""
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
     remaining = until
     request = SamplingRequest(
@@ -135,7 +135,7 @@ def by_mixtures(
     )
     for stage, make in stages.items():
         is_last = len(tried) == len(stages) - 1
-        # If such coordinates do not exist, continue with those of the stage before.
+        # If these coordinates do not exist, continue with the previous ones.
         if (parametrisation := make()) is not None:
             name, place = stage, parametrisation
         options = {} if is_last else {"trial": TRIAL, "least": ESS}
@@ -164,7 +164,7 @@ def by_chains(
     keep: Keep = no_checkpoint,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Draw by Markov chains: slice sampling for costly models, otherwise along the gradient."""
+    """Draw by Markov chains: slice sampling for costly models, else a gradient-based sampler."""
     sampler = sampler_named("elliptical_slice" if target.is_costly else "nuts")
     num_warmup, num_samples = sampler.draws if target.is_costly else sampler.cheap_draws
     request = SamplingRequest(
@@ -190,7 +190,7 @@ def is_good(tree: xr.DataTree, until: Until | None) -> bool:
 
 
 def about_draws(tree: xr.DataTree, box: Box, place: Reparametrisation) -> Reparametrisation:
-    """Return coordinates from weighted draws' moments; unchanged if too few are effective."""
+    """Return coordinates from moments of weighted draws, or `place` if too few are effective."""
     enough = tree.attrs["ess_weights"] >= WORTH * len(box.names)
     return by_moments(scalars(tree), box, place) if enough else place
 
@@ -200,7 +200,7 @@ def choose(
     target: Target,
     parametrisations: Places,
 ) -> tuple[str, Reparametrisation, int]:
-    """Choose the coordinates with most effective trial points; return the number of points used.
+    """Choose the coordinates with most effective trial points; also return the number of points.
 
     If many of the points are effective, no other coordinates are tried. Coordinates that cost
     evaluations come last. Near a curved valley, good-looking weights may cover only a part of it.

@@ -22,7 +22,7 @@ COUNTS = (1, 2, 4, 8)  # numbers of components with which a fit is tried
 PRIOR_POINTS = 0.5
 # weight and relative width of an additional component that covers all points
 BEYOND, WIDER = 0.1, 2.0
-SLIGHT = 1e-4  # part of the total weight that is left out, in the points with the smallest weights
+SLIGHT = 1e-4  # fraction of the total weight that is neglected, in the points of smallest weight
 NUGGET = 1e-10  # relative increase of variances, in case points coincide
 
 Points = Float[np.ndarray, "point parameter"]
@@ -30,7 +30,7 @@ Weights = Float[np.ndarray, " point"]
 
 
 class Mixture(NamedTuple):
-    """The components of a mixture: shares, centres and lower triangular roots of scales."""
+    """The components of a mixture: shares, centres and lower triangular roots of their scales."""
 
     shares: Float[np.ndarray, " component"]
     centres: Float[np.ndarray, "component parameter"]
@@ -58,7 +58,7 @@ def log_density(mixture: Mixture, x: Points) -> Weights:
 
 def _squares(mixture: Mixture, x: Points) -> Float[np.ndarray, "point component"]:
     r"""Return squared distances to the components, $|L_k^{-1} (x - \mu_k)|^2$."""
-    # With few parameters, einsum is done before BLAS has started its threads.
+    # With few parameters, einsum has finished before BLAS would have started its threads.
     away = x - mixture.centres[:, None]
     white = np.einsum("kij,knj->kni", np.linalg.inv(mixture.roots), away)
     return np.einsum("kni,kni->nk", white, white)
@@ -90,7 +90,7 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
     Reference:
         Cappé, Douc, Guillin, Marin and Robert (2008), Statistics and Computing 18, 447.
     """
-    if 1 / np.sum(weights**2) > ENOUGH:  # So many draws determine a mixture well enough.
+    if 1 / np.sum(weights**2) > ENOUGH:  # This many draws determine a mixture well enough.
         x = x[rng.choice(len(x), ENOUGH, p=weights)]
         weights = np.full(ENOUGH, 1 / ENOUGH)
     x, weights = _of_weight(x, weights)
@@ -104,7 +104,7 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
 def _of_weight(
     x: Points, weights: Weights
 ) -> tuple[Float[np.ndarray, "heavy parameter"], Float[np.ndarray, " heavy"]]:
-    """Return points that have all but a ten-thousandth of the weight, with their weights."""
+    """Return the points that carry all but a ten-thousandth of the weight, with their weights."""
     order = np.argsort(-weights)
     heavy = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
     return x[heavy], weights[heavy] / weights[heavy].sum()

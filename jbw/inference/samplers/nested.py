@@ -30,9 +30,9 @@ from jbw.inference.samplers.evidence import (
 )
 from jbw.inference.space.problem import Problem
 
-LEFT = 1e-3  # A run ends if this part of the evidence remains in the live points.
+LEFT = 1e-3  # A run ends when the live points contain no more than this fraction of the evidence.
 ROOM = 150  # storage for dead points, in multiples of the live points; each multiple covers one nat
-TOGETHER = 10  # This part (1 / TOGETHER) of the live points is replaced at once, in parallel.
+TOGETHER = 10  # One live point in this many is replaced at once, in parallel.
 # number of simulated sequences of prior volumes, from which the error of the evidence follows
 VOLUMES = 200
 
@@ -135,7 +135,7 @@ def _shrunk(
     """Run nested sampling from its first live points to its end."""
     num_live = len(state.particles.loglikelihood)
     room = ROOM * num_live // together * together
-    # Empty rows have likelihoods above all others, where the volume is zero.
+    # Empty rows get a likelihood above all others, where the prior volume is zero.
     empty = jax.tree.map(
         lambda v: jnp.full((room, *v.shape[1:]), jnp.inf, v.dtype), state.particles
     )
@@ -170,7 +170,7 @@ def _weights(
     """
     order = jnp.argsort(points.loglikelihood)
     deaths = points.loglikelihood[order]
-    # The first points were born from the reference itself, which BlackJAX marks by NaN.
+    # BlackJAX marks the first points, which were drawn from the reference itself, by NaN.
     births = jnp.sort(jnp.nan_to_num(points.loglikelihood_birth, nan=-jnp.inf, posinf=jnp.inf))
     num_live = jnp.maximum(jnp.searchsorted(births, deaths) - jnp.arange(deaths.size), 1)
 

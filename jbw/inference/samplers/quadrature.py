@@ -110,10 +110,11 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 def _on_its_axis(
     i: int, problem: Problem, moments: LogitMoments, count: int
 ) -> tuple[Marginal, Grid]:
-    """Return one parameter's marginal distribution, and a grid with an axis along the parameter."""
+    """Return one parameter's marginal distribution, and a grid with one axis along it."""
     whitening = whitened_by(moments.mean, moments.covariance, first=i)
     bounds = bounds_of(problem, whitening, moments, FACES[len(problem.box.names)])
-    # The rule also converges in the stretched coordinate: it is as smooth, with as low ends.
+    # The trapezoidal rule also converges in the stretched coordinate, in which the density is as
+    # smooth and as small at its ends.
     drawn_in = Composed((Stretch(), whitening))
     grid = grid_within(problem, drawn_in, Stretch().inverse(bounds), count)
     d = len(grid.axes)
@@ -132,7 +133,7 @@ def _marginal(i: int, problem: Problem, whitening: Affine, grid: Grid) -> Margin
     p = jnp.sum(grid.weights.reshape(grid.axes.shape[1], -1), axis=1)
     centre, slope = whitening.centre[i], whitening.factor[i, 0]
     lower, width = problem.lower[i], problem.upper[i] - problem.lower[i]
-    # Moments about the centre keep the digits of a narrow posterior.
+    # Moments about the centre keep their digits if the posterior is narrow.
     middle = jax.nn.sigmoid(centre)
     x = jax.nn.sigmoid(centre + slope * Stretch().forward(grid.axes[0])) - middle
     mean = p @ x

@@ -17,7 +17,7 @@ from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.inference.space.box import named
 from jbw.inference.space.problem import Problem, log_density
 
-AVERAGING = 0.75  # exponent of the weights by which step sizes are averaged, as in dual averaging
+AVERAGING = 0.75  # exponent of the weights with which step sizes are averaged, as in dual averaging
 # exponent of the gain: its sum diverges, and its sum of squares converges
 FORGETTING = 0.6
 # first step size of the warm-up without a fit, and with coordinates normalised by a fit
@@ -119,7 +119,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
 def tuned(
     state: WalkState, accept_prob: Float[Array, ""], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Return the next log step size by Robbins and Monro's rule, and the averaged one."""
+    """Return the next log step size by the Robbins-Monro rule, and its average."""
     if options.step_size is not None:
         return state.log_step, state.log_step_average
     t = state.i + 1.0

@@ -98,7 +98,7 @@ for _sampler in (
 
 
 def sampler_named(name: str) -> Sampler:
-    """Return the sampler of a name; raise a ConfigError with the nearest known name otherwise."""
+    """Return the sampler of a name; if it is unknown, raise a ConfigError with the nearest one."""
     if name in SAMPLERS:
         return SAMPLERS[name]
     near = get_close_matches(name, SAMPLERS, 1)

@@ -21,7 +21,7 @@ from jbw.inference.space.box import Box
 from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-AGREED = 1.05  # Sampling is repeated if R-hat of the worst parameter is larger.
+AGREED = 1.05  # Sampling is repeated if the largest R-hat of all parameters exceeds this.
 # factor by which the draws' covariance is widened, since they may not cover the posterior yet
 WIDER = 1.3
 # smallest distance of the coordinates' centre from the bounds, relative to the prior's width
@@ -39,7 +39,7 @@ def sample_until(
     keep: Callable[[int], Kept | None] = lambda round_: None,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
-    """Sample until there are enough draws; if chains disagree, restart around their moments.
+    """Sample until there are enough draws; if chains disagree, restart from their moments.
 
     Chains continue with the number of draws doubled each time. A sampler that draws everything at
     once draws again, twice as many, unless k-hat shows that more draws would be no better.
@@ -72,7 +72,7 @@ def sample_until(
             break
         if not (last or agree(draws)):
             coordinates = by_moments(draws, target.box, coordinates)
-        elif until is None or "rounds" in tree.attrs:  # These draws were extended before.
+        elif until is None or "rounds" in tree.attrs:  # These draws have already been extended.
             break
         elif tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
             break
@@ -94,7 +94,7 @@ def agree(draws: Mapping[str, Float[np.ndarray, "chain draw"]]) -> bool:
 def by_moments(
     draws: Mapping[str, Float[np.ndarray, "chain draw"]], box: Box, place: Reparametrisation
 ) -> Reparametrisation:
-    """Return coordinates around the mean and widened covariance of all chains' second halves."""
+    """Return coordinates from the mean and widened covariance of the chains' second halves."""
     half = next(iter(draws.values())).shape[1] // 2
     theta = np.stack([draws[name][:, half:].ravel() for name in box.names], axis=-1)
     u = np.asarray(jax.vmap(place.outer.inverse)(jnp.asarray(theta)))

@@ -41,7 +41,7 @@ ChainMethod = Literal["sequential", "vectorized", "parallel"]
 VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
 # smallest allowed numbers of warm-up steps, draws and chains
 LEAST = {"num_warmup": 0, "num_samples": 1, "num_chains": 1}
-# Keyword arguments in the signature of `sample`, and those that all samplers have.
+# keyword arguments in the signature of `sample`, and those that every sampler has
 SIGNED = ("data", "sampler", "start", "covariance", "coordinates")
 REQUESTED = (*LEAST, "chain_method")
 SHARED = (*REQUESTED, "options", "attrs", *Supervision._fields)
@@ -228,7 +228,7 @@ def _chosen(keywords: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]
 def _in_chunks(
     starts: Starts, problem: Problem, make: MakeKernel, options: Any, supervision: Supervision
 ) -> SamplerOutput:
-    """Run chains in chunks of steps, so that progress can be shown and saved."""
+    """Run chains in chunks of steps, so that progress can be shown and saved meanwhile."""
     (draw, terms), earlier = grow_chains(starts, problem, make, options, *supervision)
     # The warm-up is assumed to need as many evaluations per step as the draws.
     evaluations = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
@@ -241,7 +241,7 @@ def _in_chunks(
 def _at_once(
     entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any, method: str
 ) -> SamplerOutput:
-    """Draw everything in one call; return the draws and the log likelihood of each."""
+    """Draw everything in one call; return the draws and their log likelihoods."""
     drawn = _drawn(entry, key, problem, options)
     require_possible(bool(drawn.possible))
     if hasattr(module_of(entry), "require_arrival"):

@@ -31,15 +31,15 @@ from jbw.inference.samplers.evidence import (
 )
 from jbw.inference.space.problem import Problem
 
-# effective part of the particles that remains after each change of the likelihood's power
+# effective fraction of the particles that remains after each change of the likelihood's power
 TARGET_ESS = 0.6
-TARGET_ACCEPT = 0.3  # acceptance rate of the particles' moves
+TARGET_ACCEPT = 0.3  # target acceptance rate of the particles' moves
 MOST_STEPS = 500  # largest number of powers of the likelihood between 0 and 1
 NUGGET = 1e-10  # relative increase of variances, in case particles coincide
 
 
 class Options(NamedTuple):
-    """The options of tempering: numbers of particles, runs, and moves per power.
+    """The options of tempering: numbers of particles, runs, and moves per likelihood power.
 
     A particle takes `num_moves` moves at each temperature, 5 d + 5 if None.
     """

@@ -31,7 +31,7 @@ def draws_within(
     upper: Vector,
     count: int,
 ) -> tuple[Float[np.ndarray, "draw parameter"], Float[np.ndarray, "draw parameter"], Rows]:
-    """Draw points of a Gaussian within bounds; return their normal coordinates and weights."""
+    """Draw points of a Gaussian within bounds; return them in normal coordinates, with weights."""
     std = np.sqrt(np.diag(covariance))
     order = np.argsort(log_mass((lower - mean) / std, (upper - mean) / std), kind="stable")
     root = np.linalg.cholesky(covariance[np.ix_(order, order)])
@@ -54,7 +54,7 @@ def mixture_within(
     lower: Vector,
     upper: Vector,
 ) -> tuple[Float[np.ndarray, "draw parameter"], Float[np.ndarray, "draw parameter"]]:
-    """Draw points from a mixture of Gaussians within bounds; return their normal coordinates.
+    """Draw points of a mixture of Gaussians within bounds; return them in normal coordinates.
 
     Each Gaussian is given by share, mean and covariance; `member` gives the Gaussian of every point
     before the bounds are applied.
@@ -71,13 +71,14 @@ def mixture_within(
 
 
 def log_mass(a: Rows, b: Rows) -> Rows:
-    r"""Return the logarithm of $\Phi(b) - \Phi(a)$, exact even far out on either side."""
-    a, b = np.where(a > 0, -b, a), np.where(a > 0, -a, b)  # the lower tail has more digits
+    r"""Return the logarithm of $\Phi(b) - \Phi(a)$, which is accurate even far out in a tail."""
+    # Differences in the lower tail have more digits.
+    a, b = np.where(a > 0, -b, a), np.where(a > 0, -a, b)
     return log_ndtr(b) + np.log(-np.expm1(np.minimum(log_ndtr(a) - log_ndtr(b), 0.0)))
 
 
 def normal_within(share: Rows, a: Rows, b: Rows) -> Rows:
-    r"""Return x with $\Phi(x) = \Phi(a) + p\,(\Phi(b) - \Phi(a))$, for shares p."""
+    r"""Return x with $\Phi(x) = \Phi(a) + p\,(\Phi(b) - \Phi(a))$, for fractions p."""
     is_upper = a > 0
     low, high = np.where(is_upper, -b, a), np.where(is_upper, -a, b)
     log_share = np.log(np.maximum(share, np.finfo(float).tiny))

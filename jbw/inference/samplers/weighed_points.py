@@ -10,7 +10,8 @@ from jbw.inference.samplers.chunked_run import Arrays
 from jbw.inference.samplers.importance import SMALLEST, smooth
 from jbw.inference.samplers.mixtures import Mixture, Points, Weights
 
-Pair = tuple[Mixture, Mixture]  # the mixtures from which points of even and of odd number are drawn
+# the mixtures from which even-numbered and odd-numbered points are drawn
+Pair = tuple[Mixture, Mixture]
 
 
 class Past(NamedTuple):
@@ -35,7 +36,7 @@ class Past(NamedTuple):
 
     @property
     def log_weight(self) -> Weights:
-        """The log of the posterior density relative to the mixtures' mean density, by point."""
+        """The log posterior density of each point minus the log of the mixtures' mean density."""
         return self.log_density - self.log_mixed + np.log(len(self.w) / 2)
 
 
@@ -58,7 +59,7 @@ def weighed(past: Past) -> SmoothedWeights:
 
 
 def weights_of(log_weight: Weights) -> SmoothedWeights:
-    """Return weights from their logarithms up to a constant, with a Pareto-smoothed tail."""
+    """Return weights with a Pareto-smoothed tail, from their logarithms up to a constant."""
     raw = relative(log_weight)
     log_smoothed, khat = smooth(raw)
     weights = softmax(log_smoothed)
@@ -67,7 +68,7 @@ def weights_of(log_weight: Weights) -> SmoothedWeights:
 
 
 def relative(log_weight: Weights) -> Weights:
-    """Return log weights relative to the largest, limited from below so that all are finite."""
+    """Return log weights minus the largest one, limited from below so that all are finite."""
     return np.maximum(log_weight - log_weight.max(), SMALLEST)
 
 

@@ -44,7 +44,7 @@ def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
 
 
 def bounds_about(value: float, lower: float, upper: float) -> tuple[float, float]:
-    """Return `lower` and `upper` times a value as bounds, in ascending order."""
+    """Return `lower` and `upper` times `value` as bounds, in ascending order."""
     ends = lower * value, upper * value
     return min(ends), max(ends)
 
@@ -80,7 +80,7 @@ def from_unit(x: Float[Any, "... parameter"], box: Box) -> dict[str, Any]:
 
 
 def named(values: Float[Any, "... parameter"], box: Box) -> dict[str, Any]:
-    """Return the parameters by name from the last axis of an array."""
+    """Return the parameters by name, from the last axis of an array of their values."""
     return {name: values[..., i] for i, name in enumerate(box.names)}
 
 
@@ -104,7 +104,7 @@ class Product(NamedTuple):
 
 
 def alone(name: str) -> Product:
-    """Return a single parameter as a product of powers."""
+    """Return a single parameter in the form of a product of powers."""
     return Product(name, name, {name: 1.0})
 
 
@@ -148,13 +148,14 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
 
 
 def prior_std(lower: float, upper: float) -> float:
-    """Return the prior standard deviation of log theta, or of theta if it may be negative."""
+    """Return the prior standard deviation of log theta; of theta itself if it may be negative."""
     if lower <= 0:
         return (upper - lower) / math.sqrt(12)
     # In units of the geometric mean, theta ranges from 1/r to r.
     r = math.sqrt(upper / lower)
     log_r, width = math.log(r), r - 1 / r
-    if log_r < 1e-3:  # these moments would cancel; log theta is uniform to 1e-6
+    # For a narrow range the moments would cancel; log theta is then uniform to 1e-6.
+    if log_r < 1e-3:
         return log_r / math.sqrt(3)
     first = (r + 1 / r) * log_r / width - 1
     second = log_r**2 + 2 - 2 * (r + 1 / r) * log_r / width

@@ -100,12 +100,12 @@ def unit(lower: Vector, upper: Vector) -> Elementwise:
 
 
 class Logarithms(Coordinate):
-    """Logarithms of some parameters, $y_i = e^{x_i}$, which make valleys of products straight."""
+    """Logarithms of some parameters, $y_i = e^{x_i}$, which straighten valleys of products."""
 
     chosen: tuple[bool, ...] = eqx.field(static=True)
 
     def forward(self, x: Vector) -> Vector:
-        """Return the point with chosen coordinates exponentiated."""
+        """Return the point with the chosen coordinates exponentiated."""
         xp = _namespace(x)
         return xp.where(self._mask, xp.exp(xp.where(self._mask, x, 0.0)), x)
 
@@ -124,7 +124,7 @@ class Logarithms(Coordinate):
 
 
 class Sinh(Coordinate):
-    r"""The map $y_i = c_i \sinh x_i$ of some parameters, a logarithm of either sign.
+    r"""The map $y_i = c_i \sinh x_i$ of some parameters, like a logarithm that admits both signs.
 
     The scales are c for chosen parameters, and zero for the others, which do not change.
     """

@@ -16,7 +16,7 @@ Theta = Mapping[str, Any]
 Covariance = Float[np.ndarray, "parameter parameter"]
 
 EDGE = 1e-6  # smallest distance of starting points from a bound, where the logit would be infinite
-# A sign is certain if a parameter is so many (conditional) standard deviations away from zero.
+# A sign is certain if a parameter is this many (conditional) standard deviations away from zero.
 CERTAIN = 3.0
 WIDER = 10.0  # distance by which bounds are extended on both sides, in widths of the prior range
 FLOOR = 1e-6  # lower bound that replaces zero, relative to the optimum
@@ -82,7 +82,7 @@ def _checked_start(start: Theta, box: Box, num_chains: int) -> Float[np.ndarray,
 
 
 def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...]:
-    """Return the parameters to sample as logarithms, because they are certainly positive."""
+    """Return the parameters that are certainly positive, whose logarithms can be sampled."""
     conditional = 1 / np.sqrt(np.diag(np.linalg.inv(covariance)))
     return tuple(
         name

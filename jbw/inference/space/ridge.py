@@ -31,16 +31,18 @@ from jbw.inference.space.reparametrisation import (
     never_zero,
 )
 
-# A parameter belongs to the ridge if its component exceeds this part of the largest one.
+# A parameter belongs to the ridge if its component exceeds this fraction of the largest one.
 PART = 0.3
-NARROW = 1e-9  # A bound is parallel to the ridge if the component of the direction is smaller.
-MIDDLE = (0.05, 0.95)  # range of r in which chains start, even if the optimum lies at a bound
+# A bound is parallel to the ridge if the direction has a smaller component across the bound.
+NARROW = 1e-9
+# range of the ridge coordinate r in which chains start, even if the optimum lies at a bound
+MIDDLE = (0.05, 0.95)
 
 Member = Float[Array, " member"]
 
 
 class Ridge(Coordinate):
-    """Coordinates of a ridge: other parameters, w across the ridge, and r along it.
+    """Coordinates near a ridge: unaffected parameters, w across the ridge, and r along it.
 
     Its `members` have bounds `lower` and `width`; s_0 is the `origin`, B is `across`, v is `along`.
     """
@@ -77,7 +79,7 @@ class Ridge(Coordinate):
         return jnp.where(high > low, log_length, -jnp.inf)
 
     def _foot(self, x: Vector) -> Member:
-        """Return the point s_0 + B w on the plane across the ridge."""
+        """Return the point s_0 + B w where a line along the ridge meets the plane across it."""
         return self.origin + self.across @ x[len(self.others) : -1]
 
     def _joined(self, others: Float[Array, " other"], members: Member) -> Vector:
@@ -100,14 +102,14 @@ def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) ->
     """Return sampling coordinates near a fit, one of them along the least determined direction."""
     logarithms = never_zero(theta, covariance, box)
     in_logs = in_logarithms(theta, covariance, box, logarithms)
-    # If the prior's lower bound is zero, logarithms end at a negligible value.
+    # If a prior's lower bound is zero, its logarithm is bounded at a negligible value.
     floored = np.isin(box.names, logarithms) & (np.asarray(box.lower) <= 0)
     ridge = _ridge_of(in_logs, floored)
-    # Project the corners of the prior range: no line beyond them meets it.
+    # Project the corners of the prior range: lines outside of the projection do not meet the range.
     corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
     ends = (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
     others = np.array(ridge.others, dtype=int)
-    # Bound the other logarithms as in `along_logarithms`.
+    # Bound the logarithms of the other parameters as in `along_logarithms`.
     reach = floored[others] * WIDER * (in_logs.upper - in_logs.lower)[others]
     return Reparametrisation(
         Composed((ridge, in_logs.outer)),
@@ -166,7 +168,8 @@ def _laplace_along(
     turn[np.ix_(range(len(others), size), members)] = directions
     turn[-1] /= length
     covariance = turn @ np.asarray(in_logs.covariance) @ turn.T
-    # The variance of r is at most that of a uniform r; the other parameters follow r as before.
+    # The variance of r is at most that of a uniform r; the regression of the other parameters on r
+    # stays as it is.
     with_r, excess = covariance[:, -1], max(covariance[-1, -1] - 1 / 12, 0.0)
     limited = covariance - excess * np.outer(with_r, with_r) / covariance[-1, -1] ** 2
     return np.array(start), limited

@@ -27,12 +27,13 @@ from scipy.optimize import brentq
 from jbw.inference.density import TAIL, Density
 from jbw.inference.space.box import Box, bounds_by_name, box, prior_std
 
-NUM_POINTS = 4001  # number of points of a density, which give its moments to 1e-6
-WIDEST = 20.0  # log of the ratio of the widest range's bound to its middle
+# number of points at which a density is evaluated, enough for moments accurate to 1e-6
+NUM_POINTS = 4001
+WIDEST = 20.0  # largest logarithm of a range's bound divided by its middle
 
 
 class StatedDensities(eqx.Module):
-    """Stated prior densities by parameter name, with the bounds that contain them.
+    """The prior densities that a campaign states, by parameter name, with bounds.
 
     Attributes:
         names: Parameters with a stated density.
@@ -59,7 +60,7 @@ class StatedDensities(eqx.Module):
 
 
 def distributions_of(box: Box, stated: StatedDensities) -> dict[str, Any]:
-    """Return the prior distribution of each parameter: the stated one, or uniform."""
+    """Return the prior distribution of each parameter: its stated density, or a uniform one."""
     densities = dict(zip(stated.names, stated.distributions, strict=True))
     return {
         name: densities.get(name, Uniform(low, high))
@@ -96,7 +97,7 @@ def _score(density: Any, value: Any) -> Float[Array, ""]:
 
 
 def as_wide(prior: Box, stated: StatedDensities) -> Box:
-    """Return bounds within which a uniform prior is as wide as each stated density.
+    """Return the bounds of uniform priors that are as wide as the stated densities.
 
     Widths are compared in the logarithm if the box is positive, otherwise in the parameter itself.
     Comparisons of a posterior with its prior use this box.
@@ -114,7 +115,7 @@ def _uniform_of_width(distribution: Any, lower: float, upper: float) -> tuple[fl
     grid = np.linspace(ends[0], ends[1], NUM_POINTS)
     values = np.exp(grid) if is_log else grid
     weight = np.exp(np.asarray(distribution.log_prob(values))) * (values if is_log else 1.0)
-    weight[~np.isfinite(weight)] = 0.0  # the density may have a pole at an end
+    weight[~np.isfinite(weight)] = 0.0  # The density may be infinite at an end of its range.
     weight /= np.sum(weight)
     mean = float(weight @ grid)
     std = float(np.sqrt(weight @ (grid - mean) ** 2))

@@ -201,18 +201,19 @@ def drop_outs(x: Reals) -> list[int]:
     r"""Return the samples at which a signal drops to nearly zero, against its linear prediction.
 
     $$x_k = \sum_i a_i x_{k-i} + e_k, \qquad |x_k| < 0.45\,|x_k - e_k|, \qquad
-      |e_k| > 12\,s_k + \tfrac q2 \Bigl(1 + \sum_i |a_i|\Bigr)$$
+      e_k^2 > 12^2 \Bigl(s_k^2 + \tfrac{q^2}{12} \bigl(1 + \sum_i a_i^2\bigr)\Bigr)$$
 
-    where s is the robust scale of e in the stretch about k and q the smallest difference of two
-    values: the second term is the largest error that rounding to q adds. Impacts push outward as
-    often as inward: if at most 60 % of such samples fall inward, the list is empty.
+    where s is the robust scale of e in the segment about k and q the smallest difference of two
+    values. The second term is the variance that rounding to q adds; where most samples are rounded
+    to zero, s is zero. Impacts push outward as often as inward: if at most 60 % of such samples
+    fall inward, the list is empty.
     """
     if len(x) < 16 * ORDER or not np.ptp(x) > 0:
         return []
     unit = x / np.abs(x).max()
     rows = np.lib.stride_tricks.sliding_window_view(unit, ORDER + 1)
     some = rows[:: len(rows) // MANY + 1]
-    kept = np.ones(len(some), bool)
+    kept, filtered = np.ones(len(some), bool), np.zeros(ORDER)
     for _ in range(FITS):
         past, now = some[kept, :-1], some[kept, -1]
         ridge = 1e-12 * np.trace(past.T @ past) * np.eye(ORDER)
@@ -220,8 +221,8 @@ def drop_outs(x: Reals) -> list[int]:
         error = some[:, -1] - some[:, :-1] @ filtered
         kept = np.abs(error) <= OUTLYING * _scales(error)
     error = rows[:, -1] - rows[:, :-1] @ filtered
-    rounding = float(np.min(np.diff(np.unique(unit)))) / 2 * (1 + np.sum(np.abs(filtered)))
-    far = np.flatnonzero(np.abs(error) > FAR_OFF * _scales(error) + rounding)
+    rounding = float(np.min(np.diff(np.unique(unit)))) ** 2 / 12 * (1 + filtered @ filtered)
+    far = np.flatnonzero(np.abs(error) > FAR_OFF * np.sqrt(_scales(error) ** 2 + rounding))
     # The samples that follow are predicted from a faulty one.
     first = far[np.diff(far, prepend=-ORDER - 1) > ORDER]
     predicted = rows[first, -1] - error[first]

@@ -203,6 +203,10 @@ def several_resonances(record: Record) -> Iterator[Fault]:
         return
     hz, power = lines.omega / (2 * np.pi), np.abs(lines.y) ** 2
     peak = float(hz[np.argmax(power * lines.omega**2)])
+    # Lines of white noise in the measured quantity have a power of median / ln 2 on average.
+    to_measured = lines.omega ** (2 * derivative_order(record.response))
+    noise = np.median(power * to_measured) / np.log(2) / to_measured
+    power = power - noise
     ratio = hz / mode.frequency_hz
     of_mode = np.abs(lines.source / (1 - ratio**2 + 2j * mode.damping * ratio)) ** 2
     outside = ~lines_within(hz, _around_line(peak))

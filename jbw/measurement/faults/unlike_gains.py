@@ -3,7 +3,7 @@
 The gain is the ratio of response to drive, with its sign.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -64,8 +64,9 @@ def unlike(factor: float, source: str, test: str = "") -> FaultText:
     """Return the text on a test or repeat whose gain is `factor` times that of the other tests."""
     if abs(factor + 1) < TURNED:
         return messages.other_sign(source, test)
-    unit = next((name for f, name in UNITS.items() if abs(abs(factor) / f - 1) < CLOSE), "")
-    return messages.other_gain(factor, source, unit, test)
+    close = (pair for pair in UNITS.items() if abs(abs(factor) / pair[0] - 1) < CLOSE)
+    scale, unit = next(close, (abs(factor), ""))
+    return messages.other_gain(factor, float(np.copysign(scale, factor)), source, unit, test)
 
 
 def _apart(misfit: Misfit) -> Iterator[Cause]:
@@ -131,6 +132,28 @@ def unlike_gains(
             yield name, doubt(role, *unlike(-1.0, source))
         elif not 1 / LARGER < ratio < LARGER:
             yield name, doubt(role, *unlike(ratio, source))
+
+
+def unlike_tests(
+    gains: Mapping[str, Sequence[tuple[str, float]]], role: str, source: str
+) -> Iterator[tuple[str, Fault]]:
+    """Yield tests of one mode by name, each with a warning that its gain differs from the others'.
+
+    Of two tests, the second is named, because it cannot be determined which of them is wrong.
+
+    Args:
+        gains: Name of each test, with name and gain of each of its repeats.
+        role: Role of the response, which is the same in all tests.
+        source: Role of the drive, which is the same in all tests.
+    """
+    sizes = {test: float(np.nanmedian([abs(x) for _, x in pairs])) for test, pairs in gains.items()}
+    sizes = {test: size for test, size in sizes.items() if size > 0}
+    if len(sizes) < 2:
+        return
+    usual = float(np.median(list(sizes.values()))) if len(sizes) > 2 else next(iter(sizes.values()))
+    for test, size in sizes.items():
+        if not 1 / LARGER < size / usual < LARGER:
+            yield test, doubt(role, *unlike(size / usual, source, test))
 
 
 def turned_over(role: str, gain: float) -> Fault:

@@ -29,8 +29,9 @@ SCATTERED = 0.67  # largest ratio of the lower quartile of the noise's lines to 
 ALIKE = 1e-3  # smallest probability of the variation between groups and along time
 # Share of the mode's own decay rate; noise that falls faster is the skirt of the mode.
 OF_MODE = 0.95
-# Smallest rms of noise in converter steps; with less noise, samples show only the steps.
-CONVERTED = 0.35
+# Smallest rms of noise in converter steps. With less, the rounding error changes with the motion:
+# noise of half a step before rounding has 0.58 after it, whatever the motion.
+CONVERTED = 0.55
 
 
 class Window(Hypothesis):
@@ -46,7 +47,7 @@ class Window(Hypothesis):
         outside = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
         rate = float(fits.fits["linear"].theta[2]) * fits.scale
         x = record.channels[record.response][round((facts.settle_s + signal.begins) * record.fs) :]
-        window = window_constant(x, record.fs, outside, rate, signal.quantum)
+        window = window_constant(x, record.fs, outside, rate, signal.quantum * signal.unit)
         if window is not None:
             yield doubt(record.response, *messages.windowed(*window))
 

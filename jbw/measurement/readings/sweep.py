@@ -470,7 +470,7 @@ class SweepFits(NamedTuple):
     KIND = "sweep"
     FIRST = 0
     SECOND_ORDER = 0.05  # amplitudes of a sweep grow faster
-    FLOOR = 0.015
+    FLOOR = 0.01
 
 
 def fit_bases(signal: SweepSignal) -> SweepFits:

@@ -4,16 +4,20 @@ Damping is that of the *motion*: a response of order n decays differently if the
 
 $$\sigma_{motion} = \sigma_{response} \Big(1 - n \frac{d \ln\omega}{d \ln a}\Big)$$
 
-Errors combine the sandwich covariance of a basis with one coefficient more than the data require,
-half of the change that this coefficient makes, and a lower limit: the frequency at an amplitude
-is no better defined than first-order averaging is,
+Values are the mean over all bases, weighted by their evidence $w_m$ (BIC). Errors combine the
+sandwich covariances of the bases with the spread of their values,
+
+$$\sum_m w_m \big(C_m + (x_m - \bar x)(x_m - \bar x)^T\big)$$
+
+and a lower limit: the frequency at an amplitude is no better defined than first-order averaging is,
 
 $$(c + \zeta)\,\Delta f + \Delta f^2 / f + f \zeta \Delta\zeta, \qquad
   (c + \zeta)\,\Delta\zeta + \zeta\,\Delta f / f$$
 
-and 0.3 % of zeta (1.5 % for the frequency of a sweep), as the documentation states.
+and 0.3 % of zeta (1 % for the frequency of a sweep), as the documentation states.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -137,20 +141,11 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
     """Return frequency and damping with errors, from the fit that describes a record best."""
     best = min(fits.fits.values(), key=lambda fit: fit.squares)
     count = 2 * len(fits.signal.z) * independent_share(best.residual * fits.weight)
-    chosen = _chosen(fits.fits, count)
-    richer = chosen
-    if chosen != "linear":
-        further = [name for name in NESTED if name in fits.fits]
-        richer = further[min(further.index(chosen) + 1, len(further) - 1)]
-    elif "quadratic" in fits.fits:
-        richer = "quadratic"
-    grid = _amplitudes(fits, richer)
-    rows = _Rows(fits, richer, grid)
-    simple = _Rows(fits, chosen, grid)
+    weights = _evidence(fits.fits, count)
+    chosen = max((name for name in NESTED if name in weights), key=weights.__getitem__)
+    grid = _amplitudes(fits, max(weights, key=weights.__getitem__))
+    rows = _mean([_rows(fits, name, grid) for name in weights], list(weights.values()))
     floor_hz, floor_zeta = _floors(fits, best, rows)
-    if chosen != "linear" and richer != chosen:
-        floor_hz = np.hypot(floor_hz, 0.5 * (rows.hz - simple.hz))
-        floor_zeta = np.hypot(floor_zeta, 0.5 * (rows.zeta - simple.zeta))
     if chosen != "linear":
         own_hz, own_zeta = _second_order(fits, rows)
         floor_hz, floor_zeta = np.hypot(floor_hz, own_hz), np.hypot(floor_zeta, own_zeta)
@@ -158,7 +153,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
     zeta_covariance = rows.zeta_covariance + np.diag(floor_zeta**2)
     hz_change = _change(rows.hz, rows.hz_covariance, floor_hz[0], 1 / rows.hz[0])
     zeta_change = _change(rows.zeta, rows.zeta_covariance, floor_zeta[0])
-    linear = _Rows(fits, "linear", grid[:1])
+    linear = _rows(fits, "linear", grid[:1])
     linear_zeta = MeasuredChange(
         float(linear.zeta[0]), float(np.sqrt(linear.zeta_covariance[0, 0]))
     )
@@ -194,16 +189,17 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
     )  # fmt: skip
 
 
-def _chosen(fits: dict[str, ModeFit], count: float) -> str:
-    """Return the basis with the best concentrated likelihood, penalised per parameter (BIC)."""
-    scores = {
-        name: count * np.log(max(fit.squares, 1e-300)) + len(fit.theta) * np.log(count)
-        for name, fit in fits.items()
-    }
-    chosen = min(scores, key=scores.__getitem__)
-    if chosen == "quadratic":
-        return "power2" if "power2" in fits else "power"
-    return chosen
+def _evidence(fits: dict[str, ModeFit], count: float) -> dict[str, float]:
+    """Return the weight of each basis: its concentrated likelihood, penalised per parameter (BIC).
+
+    `count` is the number of independent values.
+    """
+    score = np.array([
+        count * np.log(max(fit.squares, 1e-300)) + len(fit.theta) * np.log(count)
+        for fit in fits.values()
+    ])  # fmt: skip
+    weights = np.exp(-0.5 * (score - score.min()))
+    return dict(zip(fits, (weights / weights.sum()).tolist(), strict=True))
 
 
 def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
@@ -217,33 +213,58 @@ def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
     return np.geomspace(top, low, POINTS) if low < 0.9 * top else np.array([top])
 
 
-class _Rows:
-    """Frequency and damping at several amplitudes from one fit, with their covariances."""
+class _Rows(NamedTuple):
+    """Frequency [Hz] and damping ratio at several amplitudes, with their covariances."""
 
-    def __init__(self, fits: DecayFits | SweepFits, name: str, grid: Reals) -> None:
-        basis, fit, scale = BASES[name], fits.fits[name], fits.scale
-        first = fits.FIRST
-        own = slice(first, first + basis.terms)
-        turned = slice(own.stop, own.stop + basis.terms)
-        theta, exponent = fit.theta, basis.exponent(fit.theta)
-        ratio = np.maximum(grid / fits.signal.a0, 1e-9)
-        powers = basis.values(ratio, exponent)
-        sigma = theta[own] @ powers * scale
-        omega = theta[turned] @ powers * scale + 2 * np.pi * fits.signal.centre_hz
-        by_sigma, by_omega = np.zeros((2, len(grid), len(theta)))
-        by_sigma[:, own] = by_omega[:, turned] = powers.T * scale
-        if basis.is_free:
-            slope = np.arange(basis.terms)[:, None] * powers * np.log(ratio)
-            by_sigma[:, -1], by_omega[:, -1] = (theta[x] @ slope * scale for x in (own, turned))
-        if isinstance(fits, DecayFits) and len(grid) > 3:
-            along = np.gradient(np.log(omega), np.log(grid))
-            sigma = sigma * (1 - fits.signal.order * along)
-        self.hz = np.hypot(sigma, omega) / (2 * np.pi)
-        self.zeta = sigma / np.hypot(sigma, omega)
-        by_zeta = by_sigma / omega[:, None] - (sigma / omega**2)[:, None] * by_omega
-        spread = covariance(fit, fits.weight)
-        self.hz_covariance = by_omega @ spread @ by_omega.T / (2 * np.pi) ** 2
-        self.zeta_covariance = by_zeta @ spread @ by_zeta.T
+    hz: Reals
+    zeta: Reals
+    hz_covariance: Square
+    zeta_covariance: Square
+
+
+def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> _Rows:
+    """Return frequency and damping at several amplitudes from the fit of one basis."""
+    basis, fit, scale = BASES[name], fits.fits[name], fits.scale
+    first = fits.FIRST
+    own = slice(first, first + basis.terms)
+    turned = slice(own.stop, own.stop + basis.terms)
+    theta, exponent = fit.theta, basis.exponent(fit.theta)
+    ratio = np.maximum(grid / fits.signal.a0, 1e-9)
+    powers = basis.values(ratio, exponent)
+    sigma = theta[own] @ powers * scale
+    omega = theta[turned] @ powers * scale + 2 * np.pi * fits.signal.centre_hz
+    by_sigma, by_omega = np.zeros((2, len(grid), len(theta)))
+    by_sigma[:, own] = by_omega[:, turned] = powers.T * scale
+    if basis.is_free:
+        slope = np.arange(basis.terms)[:, None] * powers * np.log(ratio)
+        by_sigma[:, -1], by_omega[:, -1] = (theta[x] @ slope * scale for x in (own, turned))
+    if isinstance(fits, DecayFits) and len(grid) > 3:
+        along = np.gradient(np.log(omega), np.log(grid))
+        sigma = sigma * (1 - fits.signal.order * along)
+    by_zeta = by_sigma / omega[:, None] - (sigma / omega**2)[:, None] * by_omega
+    spread = covariance(fit, fits.weight)
+    return _Rows(
+        np.hypot(sigma, omega) / (2 * np.pi),
+        sigma / np.hypot(sigma, omega),
+        by_omega @ spread @ by_omega.T / (2 * np.pi) ** 2,
+        by_zeta @ spread @ by_zeta.T,
+    )
+
+
+def _mean(rows: list[_Rows], weights: list[float]) -> _Rows:
+    """Return the weighted mean of rows, with the covariances within and between them."""
+
+    def mean(values: Sequence[Reals]) -> Reals:
+        return np.tensordot(weights, np.stack(values), 1)
+
+    def covariance_of(values: Sequence[Reals], within: Sequence[Square]) -> Square:
+        between = np.stack(values) - mean(values)
+        return mean(within) + (between.T * weights) @ between
+
+    hz, zeta, hz_within, zeta_within = zip(*rows, strict=True)
+    return _Rows(
+        mean(hz), mean(zeta), covariance_of(hz, hz_within), covariance_of(zeta, zeta_within)
+    )
 
 
 def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Reals, Reals]:

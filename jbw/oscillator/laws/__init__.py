@@ -41,7 +41,7 @@ from jbw.report.messages import joint as messages
 
 Kind = type[Law]
 
-# Laws by name; a family of laws makes the law `name_3` from its number.
+# Laws by name. A family of laws, such as `jenkins`, makes the law `jenkins_3` from the number 3.
 LAWS: dict[str, Kind] = {
     law.name: law
     for law in (

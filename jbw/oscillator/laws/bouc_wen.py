@@ -134,7 +134,7 @@ class BoucWenLaw(Law):
     def coordinate_bounds(
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
-        """Return prior bounds of alpha delta and alpha gamma: four times the larger fitted one.
+        """Return prior bounds of alpha delta and alpha gamma: four times the larger fitted value.
 
         The lower bound is 0 unless delta or gamma may be negative.
         """
@@ -207,18 +207,18 @@ class BoucWenLaw(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return Z after a step with a reversal or a zero of Z, and the kinks' effect on v and y.
+        """Return Z after a step with a reversal or a zero of Z, and how these kinks change v and y.
 
         The derivatives are coded by hand.
         """
         return kinked_step((self.alpha, self.delta, self.gamma), memory, ends, quartic)
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
-        """Return Z after a small move dy along its tangent."""
+        """Return Z after a small displacement dy, along the tangent of Z(y)."""
         return memory + (self.alpha - branch * memory) * dy
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "BoucWenLaw":
-        """Return the law in scaled units of displacement and stiffness."""
+        """Return the law in other units of displacement and stiffness."""
         return BoucWenLaw(self.alpha / stiffness, self.delta * length, self.gamma * length, self.nu)
 
     def harmonics(
@@ -241,7 +241,7 @@ class BoucWenLaw(Law):
         return self.alpha * periodic_path.force_over_period(q, theta, *args)  # pyright: ignore[reportReturnType]
 
     def check_periodic(self) -> None:
-        """Raise unless nu = 1, the only case with a known force along a period."""
+        """Raise unless nu = 1, the only exponent with a closed form of the periodic force."""
         require_closed_form(self)
 
     def admits(self, memory: Scalar) -> None:
@@ -274,7 +274,7 @@ class BoucWenLaw(Law):
         )
 
     def at_tip(self, y_peak: Scalar) -> Scalar:
-        """Return Z at the tip y = Y of the steady loop; in closed form for nu = 1."""
+        """Return Z at the tip y = Y of the steady hysteresis loop; in closed form for nu = 1."""
         return steady_loop(self, y_peak).z_max if self.nu == 1.0 else super().at_tip(y_peak)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:

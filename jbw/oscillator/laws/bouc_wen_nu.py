@@ -35,22 +35,22 @@ from jbw.report.messages.joint import SAME_EXPONENT
 
 NU = (0.1, 3.0)
 _ROUNDS = 2  # number of Newton steps that solve for the spring's stretch after a short move
-# If the spring's stretch changes by more than this part in a step, its power is not taken as
+# If the spring's stretch w changes by more than this fraction in a step, |w|^nu is not taken as
 # linear.
 _NEAR = 0.03
-_TINY = 1e-9  # slope of the force, relative to that at rest, in place of zero
+_TINY = 1e-9  # smallest slope of the force, relative to the slope at rest; it replaces zero
 _PARTS = 8  # number of parts into which a move along a record is divided
 # Longest move in one part, relative to the spring's stretch at which the slope vanishes, and number
 # of parts
 # of a longer move.
 _SHORT, _MANY_PARTS = 0.05, 32
-# The search for the stretch at a steady loop's tip begins at no more than this part of its limit.
+# The search for the stretch at a steady loop's tip begins at or below this fraction of its limit.
 _INSIDE = 0.9
 _PERIODS = 4  # number of Newton steps that solve for the spring's stretch in the steady loop
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""Return a weak loop's stiffness loss / delta and damping / gamma, divided by (alpha Y)^nu.
+    r"""Return a small loop's stiffness loss / delta and damping / gamma, over (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """
@@ -147,7 +147,7 @@ class BoucWenNu(Law):
         return 0.0
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the powers of length to add to the units of parameters stated at 1 mm."""
+        """Return the powers of length to add to the units of the parameters stated at 1 mm."""
         names = ("nu_softening", "nu_opening", "nu_alpha_d", "nu_alpha_g")
         return dict.fromkeys(names, -self.nu)
 
@@ -173,7 +173,7 @@ class BoucWenNu(Law):
         return batched(stretch_path.moved, self, memory, dy)
 
     def follow(self, y: Scalar, memory: Scalar, dy: Scalar) -> Scalar:
-        """Return the spring's stretch after one of many moves along a record, in eight parts.
+        """Return the spring's stretch after one of many moves along a record, in eight steps.
 
         With 250 samples per cycle the error is 1e-6 of the largest stretch for nu >= 0.5, and 2e-4
         for nu = 0.1, whose force bends sharply at w = 0.
@@ -253,7 +253,7 @@ class BoucWenNu(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the spring's stretch after a step with a reversal, and the kink's effect on v, y.
+        """Return the spring's stretch after a step with a reversal, and how the kink changes v, y.
 
         The force's slope jumps by 2 alpha g |w|^nu at the kink.
         """
@@ -274,7 +274,7 @@ class BoucWenNu(Law):
     def missed(
         self, h: Scalar, start: tuple[Scalar, Scalar], end: tuple[Scalar, Scalar]
     ) -> tuple[Scalar, Scalar]:
-        r"""Return the effect on v and y of $r' = -\alpha h v f$ near w = 0, for w linear in time.
+        r"""Return how $r' = -\alpha h v f$ near w = 0 changes v and y, for w linear in time.
 
         Far from w = 0 the result would be rounding and is set to zero.
         """
@@ -336,7 +336,7 @@ class BoucWenNu(Law):
 
 
 def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Array, Array]:
-    """Return the spring's stretch after several moves in sequence, and after each of them."""
+    """Return the spring's stretch after several moves in a row, and the one after each move."""
     # In long slip, one step between two angles may miss the range in which slip begins.
     most = jnp.max(jnp.abs(jnp.stack(law._factors())))
     longest = _SHORT * stretch_path.stretch_limit(most, law.nu)

@@ -224,7 +224,7 @@ class BWBNPinching(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Worn, ends: Ends, quartic: Scalar
     ) -> tuple[Worn, Scalar, Scalar]:
-        """Return the state after a step with a reversal, and the force kink's effect on v and y."""
+        """Return the state after a step with a reversal, and how the force's kink changes v, y."""
         path = StepPath.through(ends, quartic)
         top = self._in_parts(memory, path.before, 1)
         jump = self.bwbn_stiffness * (self.slope(path.after, top) - self.slope(path.before, top))

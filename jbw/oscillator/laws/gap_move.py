@@ -48,7 +48,8 @@ def moved(law: Backlash, memory: Memory, dy: Scalar) -> Moved:
     travel = jnp.minimum(rest, free)
     unloads = loaded & ~released
     meets = (free > 0.0) & (rest > free) & ~unloads
-    # The element moves back towards zero, or on from its state, or from zero after contact.
+    # Travel of the element: the whole move if it unloads, else the move less the travel through the
+    # gap.
     way = jnp.where(unloads, dy, side * jnp.maximum(rest - free, 0.0))
     z_1 = law.element.move(0.0, jnp.where(released, 0.0, z), way)
     z_1 = jnp.where(unloads & (z * z_1 < 0.0), 0.0, z_1)

@@ -143,7 +143,7 @@ class GapSeries(Law):
         return jnp.where(contact, slope * v, 0.0), jnp.where(contact, 0.0, v)
 
     def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the internal state after a monotone move, which is exact."""
+        """Return the exact internal state after a monotone move."""
         return moved(self, memory, dy).memory
 
     # -- through a time step -----------------------------------------------------------------------
@@ -174,7 +174,7 @@ class GapSeries(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        r"""Return the internal state after a step that may turn, and the effect of its kinks.
+        r"""Return the internal state after a step that may reverse, and how kinks change v and y.
 
         The constant is $c = \sigma(\gamma - \delta)$ at a release and $\sigma(\gamma + \delta)$ at
         a contact, whose jumps have the opposite sign:
@@ -225,12 +225,12 @@ class GapSeries(Law):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def at_tip(self, y_peak: Scalar) -> Memory:
-        """Return the internal state in contact, at the tip of the element's own loop."""
+        """Return the internal state at the tip of a loop, where the element is in contact."""
         beyond = jnp.maximum(jnp.asarray(y_peak, float) - self.gap, 0.0)
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
-        r"""Return equivalent stiffness and damping, from the loss E per cycle in contact.
+        r"""Return the equivalent stiffness and damping; the damping from the loss E per cycle.
 
         The motion is y = Y cos(theta).
         """

@@ -83,7 +83,7 @@ class GivenBackbone(Masing):
         return self.scale_force * self.scale_displacement * scaled_integral
 
     def _piece(self, x: Scalar) -> tuple[Float[Array, "4 ..."], Scalar, Scalar]:
-        """Return the curve's polynomial at x, x from its start, and the integral before it."""
+        """Return the polynomial at x, the distance from its start, and the integral up to there."""
         way = jnp.asarray(x, float) / self.scale_displacement
         knots = jnp.asarray(self.knots)
         index = jnp.sum(stop_gradient(way)[..., None] >= knots[1:], -1)

@@ -19,7 +19,8 @@ from jbw.oscillator.laws.relaxation import half_width, loop_harmonics, opening_a
 from jbw.oscillator.parameters import Hysteresis
 from jbw.report.messages import joint as messages
 
-# The strongest sweeps reach 17; above this limit the joint slips fully, or a unit is wrong.
+# Largest plausible exponent of the exponential approach to slip. The strongest sweeps reach 17;
+# above this limit the joint slips fully, or a unit is wrong.
 _LARGEST_EXPONENT = 50.0
 _REMEDY = "Check delta and gamma [1/m] and the unit of the displacement [m]."
 

@@ -52,7 +52,7 @@ class MasingPower(Masing):
         return {"power_loss": (low, high), "power_exponent": EXPONENT}
 
     def stiffness(self) -> Scalar:
-        """Return zero, because the law has no elastic part [1/s^2]."""
+        """Return zero, because the law contains no elastic force [1/s^2]."""
         return 0.0 * self.power_loss
 
     def powers_of_length(self) -> dict[str, Scalar]:

@@ -28,10 +28,11 @@ from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.quantities import Quantity
 
 COUNT = 1000
-GRADING = 2  # Edges of the bins of slip limits are uniform numbers to this power.
-# Integration points of a loop are uniform numbers to this power, which concentrates them near 0.
+GRADING = 2  # Edges of the bins of slip limits are evenly spaced numbers to this power.
+# Integration points of a loop are evenly spaced numbers to this power, which concentrates them near
+# 0.
 _GRADED = 3
-# Drop of force, relative to the largest possible one, above which the angle has no derivative.
+# Factor that keeps the argument of the arcsine below 1, where the angle has no derivative.
 _WITHIN = 1.0 - 1e-14
 
 
@@ -182,7 +183,7 @@ class Iwan5(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
     ) -> tuple[SliderStretches, Scalar, Scalar]:
-        """Return the sliders after a step, and the effect of kinks; a reversal makes all stick."""
+        """Return the sliders after a step, and how kinks change v, y; reversals make all stick."""
         path = StepPath.through(ends, quartic)
         at_turn = self.move(y, memory, path.before)
         regained = jnp.sum(self.array()[0] * jnp.abs(at_turn.slides))
@@ -231,7 +232,7 @@ class Iwan5(Law):
 
 
 def _drop(theta: Scalar, ratio: Scalar) -> Scalar:
-    """Return the phase angle at which sliders with a limit of `ratio` times the peak slip [rad]."""
+    """Return the phase angle [rad] at which sliders with limit `ratio` times the peak let go."""
     return 2.0 * jnp.arcsin(jnp.sqrt(0.5 * (1.0 + theta) * ratio * _WITHIN))
 
 

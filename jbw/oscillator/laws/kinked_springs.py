@@ -42,7 +42,7 @@ class KinkedSpring(Spring):
         raise NotImplementedError
 
     def even_part(self) -> None:
-        """Return None, because the spring is odd."""
+        """Return None: the force of an odd spring has no even part."""
 
     # -- through a time step -----------------------------------------------------------------------
     @property
@@ -60,7 +60,7 @@ class KinkedSpring(Spring):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
-        r"""Return the effect on v and y of the corners that are passed before and after the turn.
+        r"""Return how the corners passed before and after the reversal change v and y.
 
         From the jumps of f' and f'' at a corner, the jumps of the force's time derivatives are
 

@@ -30,7 +30,8 @@ from jbw.oscillator.kinks import (
 from jbw.oscillator.laws.piecewise_map import MoveSlopes, TwoMoves, two_moves
 from jbw.oscillator.parameters import Scalar
 
-# Variables of derivatives: delta, gamma, z, slopes at start and end, displacement, quartic term.
+# Derivatives with respect to delta, gamma, z, the slopes at start and end, the displacement and the
+# quartic term.
 Slopes = tuple[Scalar, ...]
 Law = tuple[Scalar, Scalar, Scalar]
 
@@ -73,7 +74,7 @@ def _kinked_step_jvp(primals, tangents):
 def _kinked(
     law: Law, z: Scalar, ends: Ends, quartic: Scalar
 ) -> tuple[tuple[Scalar, Scalar, Scalar], tuple[Slopes, ...]]:
-    """Return force z at the end of a step, kink impulses divided by h and h^2, and all slopes.
+    """Return z at the end of a step, changes by kinks over h and h^2, and all derivatives.
 
     Under jit the derivatives are computed only if they are used.
     """
@@ -129,7 +130,6 @@ def _turn_slopes(
 
 
 def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
-    """Convert derivatives with respect to a step's two moves to those with respect to its path."""
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)
@@ -144,7 +144,7 @@ def _turn_impulse(
     sharpness_slopes: PathSlopes,
     fraction_slopes: PathSlopes,
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return the effect of the turning point on v and y, with derivatives."""
+    """Return how the turning point changes v and y, with derivatives."""
     gamma, z = law[2], motion.moves.turn
     twice = jnp.where(motion.turns, -2.0, 0.0)
     sharpness, twist = motion.sharpness, signed(6.0 * motion.path.c_3, ends[1])
@@ -175,7 +175,7 @@ def _turn_impulse(
 def _zero_impulse(
     law: Law, z: Scalar, motion: _Motion, end_slopes: Slopes
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return the effect of the zero of z on v and y, with derivatives."""
+    """Return how the zero of z changes v and y, with derivatives."""
     alpha, delta, gamma = law
     path, z_1 = motion.path, motion.moves.end
     crosses = z * z_1 < 0.0

@@ -38,7 +38,7 @@ from jbw.report.messages.joint import SAME_CURVES
 
 
 class _Move(NamedTuple):
-    """A monotone move of a Masing law: branches at its ends, and the loops that it closes.
+    """A monotone motion of a Masing law: the branches at its ends, and the loops that it closes.
 
     Attributes:
         begin: Branch at the start, turned into the direction of the move.
@@ -123,7 +123,7 @@ class Masing(Law):
         return Branch(small, small, small, small, small, 1.0 / omega_n, small, stack)
 
     def packed(self, memory: Branch) -> Branch:
-        """Return the internal state with its load reversals in arrays and whole-number counts."""
+        """Return the internal state with load reversals as arrays and counts as integers."""
         stack, size = memory.stack, float(self.depth)
         stack = stack._replace(count=jnp.clip(jnp.round(stack.count), 0.0, size))
         branch = branch_of(jnp.sign(jnp.round(memory.sense)), stack)
@@ -174,7 +174,7 @@ class Masing(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: Branch, branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """Return the force without its linear part, F - K y, and its rate times the time step h."""
+        """Return the nonlinear force F - K y, and its rate times the time step h."""
         return memory.force - self.stiffness() * y, h * v * memory.slope
 
     def bend(
@@ -198,9 +198,10 @@ class Masing(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
     ) -> tuple[Branch, Scalar, Scalar]:
-        """Return the internal state after a step with a reversal, and the effect of kinks."""
+        """Return the internal state after a step with a reversal, and how kinks change v and y."""
         start, end, rise = ends
-        # A start against the direction stems from the correction: too short for a reversal.
+        # A motion that starts against the branch's direction stems from the correction of the step
+        # before; it is too short for a reversal.
         strays = (memory.sense * start <= 0.0) & (start * end < 0.0)
         path = StepPath.through((jnp.where(strays, 0.0, start), end, rise), quartic)
         first = self._moved(y, memory, path.before)
@@ -218,7 +219,7 @@ class Masing(Law):
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):
-        """Yield the effect of a closed loop, and of the virgin curve's kink, before a reversal."""
+        """Yield how loop closure and the virgin curve's kink change v and y before a reversal."""
         after, closing = first.end, jnp.asarray(first.popped > 0.5)
 
         def closure():
@@ -274,7 +275,6 @@ class Masing(Law):
 def _where_met(
     met: Bool[Array, "..."], impulses: Callable[[], tuple[Scalar, Scalar]]
 ) -> tuple[Scalar, Scalar]:
-    """Return the effect of a kink that the step meets; zeros if it meets none."""
     nothing = jax.tree.map(jnp.zeros_like, jax.eval_shape(impulses))
     return jax.lax.cond(met, impulses, lambda: nothing)
 

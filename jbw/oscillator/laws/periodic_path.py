@@ -39,7 +39,7 @@ _NUM_PERIODICITY = 12
 
 
 def opening(y_peak: Scalar, delta: Scalar, gamma: Scalar) -> Float[Array, "..."]:
-    """Return the displacement where z vanishes on unloading from `y_peak`, with gamma's sign."""
+    """Return the displacement where z vanishes on unloading from `y_peak`, signed like gamma."""
     sign = jnp.where(gamma < 0.0, -1.0, 1.0)
     d, g = delta * y_peak, sign * gamma * y_peak
     # pyright: ignore[reportArgumentType]
@@ -193,7 +193,7 @@ def _zeros(
     z_turn: Float[Array, " turn"],
     law: Hysteresis,
 ) -> Float[Array, " segment"]:
-    """Return the angle between two turning points where z vanishes, or their middle if none."""
+    """Return the angle between two turning points where z vanishes, or the midpoint if none."""
     q, turns, y_turn, z_turn, law = stop_gradient((q, turns, y_turn, z_turn, law))
     lower, upper = turns[:-1], turns[1:]
     direction = jnp.sign(y_turn[1:] - y_turn[:-1])

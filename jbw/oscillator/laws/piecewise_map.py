@@ -127,7 +127,7 @@ Pair = tuple[Scalar, Scalar]
 
 
 class MoveSlopes(NamedTuple):
-    """The derivatives of a result of two moves; the one for alpha follows from proportionality."""
+    """The derivatives of a result of two moves; that for alpha follows from proportionality."""
 
     delta: Scalar
     gamma: Scalar
@@ -157,7 +157,7 @@ class TwoMoves(NamedTuple):
 
 
 class _Segment(NamedTuple):
-    """A monotone part of a move without a change of sign of z."""
+    """A monotone segment of a move in which z does not change its sign."""
 
     gamma_sign: Scalar
     delta_sign: Scalar
@@ -169,7 +169,7 @@ class _Segment(NamedTuple):
 
 
 class _Segments(NamedTuple):
-    """The parts of two moves, which move crosses z = 0, and the signed distance past zero."""
+    """The segments of two moves, which move crosses z = 0, and the signed distance past zero."""
 
     a: _Segment
     b: _Segment
@@ -223,7 +223,6 @@ def two_moves(
 
 
 def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
-    """Return derivatives with respect to delta and gamma, from those with respect to each c."""
     by_delta = sum((part.delta_sign * by_c for part, by_c in terms), 0.0)
     by_gamma = sum((part.gamma_sign * by_c for part, by_c in terms), 0.0)
     return barrier((by_delta, by_gamma))
@@ -232,7 +231,7 @@ def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
 def _segments(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
 ) -> _Segments:
-    """Divide two moves into three parts, each of which ends where z vanishes or a move ends.
+    """Divide two moves into three segments, each of which ends where z vanishes or a move ends.
 
     The first segment is the first move as if z kept its sign. Each other segment is the part of a
     move after a zero of z, or else the second move.

@@ -87,9 +87,9 @@ def _horner(s: Float[Array, "..."], coefficients: tuple[float, ...]) -> Float[Ar
 _NUM_NODES = 64
 _NUM_NODES_HARMONICS = 48
 _NUM_NEWTON = 8
-# Number of relaxation lengths in a loop from which on its integrals are taken in closed form.
+# A loop of more relaxation lengths than this is integrated in closed form.
 _LONG = 20.0
-# Least opening, relative to the half-width, for which the closed form keeps its digits.
+# Smallest opening, relative to the half-width, for which the closed form is accurate.
 _OPEN = 0.01
 
 

@@ -22,7 +22,7 @@ SIZE = 10  # default number of load reversals that are remembered
 # Displacements that differ by less than this relative rounding close a loop.
 _ROUNDING = 1e-14
 
-# A tuple of scalars, or in a time loop one array, which is faster to copy.
+# Entries of a stack: a tuple of scalars, or in a time loop one array, which is faster to copy.
 Entries = Any
 
 
@@ -70,7 +70,7 @@ class Branch(NamedTuple):
     stack: Stack
 
 
-_OUT_OF_REACH = 1e3  # displacement [m] that stands for one which no motion reaches
+_OUT_OF_REACH = 1e3  # displacement [m] that no motion reaches
 
 
 def nothing_remembered(size: int = SIZE) -> Branch:
@@ -80,7 +80,7 @@ def nothing_remembered(size: int = SIZE) -> Branch:
 
 
 def with_room(memory: Branch, size: int) -> Branch:
-    """Return a state with storage for `size` load reversals; those dropped before remain lost."""
+    """Return a state with storage for `size` load reversals; reversals dropped before stay lost."""
     stack = memory.stack
     more = tuple(0.0 * stack.count for _ in range(size - len(stack.y)))
     return memory._replace(stack=stack._replace(y=(*stack.y, *more), f=(*stack.f, *more)))
@@ -174,7 +174,6 @@ def _at(entries: Entries, place: Scalar) -> Scalar:
 
 
 def _replaced(entries: Entries, chosen: Callable[[Any], Any], value: Scalar) -> Entries:
-    """Return a stack's entries with those at some indices replaced by a value."""
     if not isinstance(entries, tuple):
         return jnp.where(chosen(jnp.arange(len(entries))), value, entries)
     return tuple(jnp.where(chosen(i), value, entry) for i, entry in enumerate(entries))

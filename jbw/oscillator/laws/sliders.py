@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from jbw.oscillator.laws.masing import Masing
 
 COUNT = 60
-# Edges are this power of uniform numbers: with uniform sliders the energy is tens of per cent too
-# small at a hundredth of the largest slip.
+# Edges of the bins of slip limits are evenly spaced numbers to this power: without it, the energy
+# is tens of per cent too small at a hundredth of the largest slip.
 GRADING = 4
 
 
@@ -47,7 +47,7 @@ def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
     most = reach if kink is None else min(reach, float(kink.y))
     edges = most * np.linspace(0.0, 1.0, count + 1) ** GRADING
     if most < reach:
-        # The kink has a slider of its own.
+        # A separate slider represents the kink of the virgin curve.
         edges = np.append(edges[:-1], [most * (1.0 - 1e-12), most])
     lag, slope = (np.asarray(x) for x in law.lag(jnp.asarray(edges)))
     stiffness, moment = np.diff(slope), np.diff(edges * slope - lag)

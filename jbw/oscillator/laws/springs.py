@@ -26,7 +26,7 @@ MOST_SHARE = 0.3
 
 
 class Spring(Law):
-    """The base class of springs: laws without an internal state, callable with the displacement."""
+    """The base class of springs, laws without an internal state and with a smooth force f(y)."""
 
     def __call__(self, y: Scalar) -> Scalar:
         """Return the force at the displacement y [m]."""
@@ -87,7 +87,8 @@ class Spring(Law):
         if not is_concrete(self):
             return None
         for y in _PROBES:
-            with jax.ensure_compile_time_eval():  # this also works for constants under jit
+            # This also works for constants inside a jitted function.
+            with jax.ensure_compile_time_eval():
                 plus, minus = self(y), self(-y)
             if not is_concrete(plus, minus):  # the function contains a traced number
                 return None

@@ -26,7 +26,7 @@ _UNIT, _UNIT_WEIGHTS = UNIT_RULE
 _HALVINGS = 60  # number of bisections in the search for the spring's stretch
 # Largest stretch in a search, relative to the length of the move, for a spring that hardens.
 _FAR = 16.0
-# Part of the limit from which on the integral's pole is integrated analytically.
+# Above this fraction of the limit, the pole of the integrand is integrated analytically.
 _POLE = 0.5
 # Logarithmic distance to the limit beyond which an integral's remaining part is negligible.
 _DEEP = 40.0
@@ -113,7 +113,7 @@ def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
 def _root(
     excess: Callable[[Scalar], Scalar], high: Scalar, slope: Callable[[Scalar], Scalar]
 ) -> Scalar:
-    """Return the root of a rising function between 0 and `high`, with one derivative."""
+    """Return the root of a rising function between 0 and `high`, differentiable once."""
 
     def halved(_, pair: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = pair
@@ -158,7 +158,7 @@ def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Sca
 
 
 def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Return q of the spring's stretch at a loop's tip, with its scale and the nearer limit's c."""
+    """Return q of the stretch at a loop's tip, the scale of the stretch, and the limiting c."""
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
     most, nu = jnp.maximum(less, more), law.nu
     scale, largest = _scale(most, nu, 2.0 * peak)

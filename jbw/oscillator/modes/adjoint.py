@@ -78,7 +78,7 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 
 def _no_kicks(step: ModalStep, state: ModalState) -> tuple:
-    """Return zero effects of kinks, for the time before the first step."""
+    """Return zero impulses of kinks, for the time before the first step."""
     none = jnp.zeros_like(state[0][0])
     return tuple((none, none) for _ in step.joints)
 
@@ -99,7 +99,7 @@ def _solve_jvp(primals, tangents):
 
 
 class StepSlopes(NamedTuple):
-    """Derivatives of one part of a joint's time step.
+    """Derivatives of one calculation within a joint's time step.
 
     Attributes:
         columns: Change of the part per unit of each of its arguments.
@@ -110,7 +110,7 @@ class StepSlopes(NamedTuple):
     offset: tuple
 
     def along(self, *arguments: Any) -> tuple:
-        """Return the change of a part of a joint's step for given changes of its arguments."""
+        """Return the change of the calculation's result for given changes of its arguments."""
         changes = jax.tree.leaves(arguments)
         return tuple(
             offset + sum(column[i] * x for column, x in zip(self.columns, changes, strict=True))
@@ -119,7 +119,7 @@ class StepSlopes(NamedTuple):
 
 
 class JointSlopes(NamedTuple):
-    """Derivatives of a joint's time step, and changes of its linear parts due to the constants.
+    """Derivatives of a joint's time step, and the changes due to the constants of the step.
 
     Attributes:
         start: Derivatives of r and h r' with respect to x, v and the memories.
@@ -144,7 +144,7 @@ class JointSlopes(NamedTuple):
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any]:
-    """Return derivatives of each joint's step, and of the modes for given changes of the constants.
+    """Return derivatives of each joint's step, and the change of the modes due to the constants.
 
     Many steps are computed at once, along the first axis of all arguments but the constants.
     """
@@ -177,7 +177,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
     turns = tuple(jnp.where(joint.shift != 0.0, 1.0, 0.0) for joint in passed)
     moves, move_by = by_constants(corrections, starts, passed)
     passing, by_move = _of_all(_moved_slopes, kernels, ends, moves, by_along)
-    # This is how the step's constants change the effect of joints on modes.
+    # Change of the joints' effect on the modes for changes of the step's constants.
     none = tuple(jnp.zeros_like(part) for part in q)
     _, post = by_constants(driven, (none, none), (none, none), starts, passed)
     parts = by_start, path_by, by_bend, bent_by, turns, passing, move_by, by_move
@@ -187,8 +187,6 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
 def _by_constants(
     step: ModalStep, step_dot: ModalStep, function: Callable[..., Any], *arguments: Any
 ) -> tuple[Any, Any]:
-    """Return a function's values in many steps, and their change due to the step's constants."""
-
     def in_step(step_dot: ModalStep, *arguments: Any) -> tuple[Any, Any]:
         return jax.jvp(lambda step: function(step, *arguments), (step,), (step_dot,))
 
@@ -196,7 +194,7 @@ def _by_constants(
 
 
 def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tuple[tuple, ...]:
-    """Apply a function to every joint in many steps, and group each result by joint.
+    """Apply a function to every joint in many steps, and group the results by joint.
 
     Joints with the same laws are stacked in one array: they are compiled once, which saves most of
     the additional compilation for several joints.
@@ -223,18 +221,16 @@ def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> 
 
 
 def _start(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return r, the force without its linear part, and its rate times h at the start of a step."""
     return remainder(Begun(kernel, *at))
 
 
 def _half_bend(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
-    """Return h^2 r''/2 of a joint's nonlinear force r at the start of a step, from x, v and a."""
     *start, a = at
     return (half_bend(Begun(kernel, *start), a),)
 
 
 def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]:
-    """Return a joint's step before the correction of its displacement x.
+    """Return the result of a joint's step, before its displacement x is corrected.
 
     Where the joint turns, the bends of the other joints add to x and v at the end of the path, and
     to the shift; the effect of changes of these bends follows from that of changes of the path.
@@ -246,7 +242,6 @@ def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]
 def _sloped(
     function: Callable[..., Any], kernel: JointKernel, kernel_dot: JointKernel, at: Any
 ) -> tuple[Any, StepSlopes]:
-    """Return the value of `function`, a part of a joint's step, with its derivatives."""
     value, by_at = jax.linearize(lambda at: function(kernel, at), at)
     _, offset = jax.jvp(lambda kernel: function(kernel, at), (kernel,), (kernel_dot,))
     return value, StepSlopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
@@ -255,7 +250,6 @@ def _sloped(
 def _passing_slopes(
     kernel: JointKernel, kernel_dot: JointKernel, at: tuple, bends: tuple
 ) -> tuple[Passed, End, StepSlopes]:
-    """Return a joint's effect on the modes and its state after a step, with derivatives of both."""
     (passed, end), by_at = jax.linearize(partial(_passing, kernel, bends), at)
     _, offset = jax.jvp(lambda kernel: _passing(kernel, bends, at), (kernel,), (kernel_dot,))
     return passed, end, StepSlopes(tuple(by_at(way) for way in _ways(at)), offset)
@@ -283,7 +277,6 @@ def _moved_slopes(
 
 
 def _ways(at: Any) -> list[Any]:
-    """Return unit vectors: a unit change of each number in an argument, with the others fixed."""
     leaves, tree = jax.tree.flatten(at)
     none, unit = jnp.zeros_like(leaves[0]), jnp.ones_like(leaves[0])
     size = range(len(leaves))
@@ -291,7 +284,7 @@ def _ways(at: Any) -> list[Any]:
 
 
 def _recurrence(step: ModalStep, state_dot, inputs):
-    """Advance the derivative of the state by one step, from those of each joint's step."""
+    """Advance the derivative of the state by one step, from derivatives of all joints' steps."""
     slopes, (rise_by, gain_by, seen_by), post = inputs
     (q, v, memories), _ = state_dot
     none = tuple(jnp.zeros_like(part) for part in q)
@@ -333,7 +326,7 @@ def _recurrence(step: ModalStep, state_dot, inputs):
 
 
 def _bent_paths(step: ModalStep, joints: list, paths: list) -> tuple[list, tuple]:
-    """Return derivatives of turning joints' paths, including the effect of the other joints."""
+    """Return derivatives of the paths of reversing joints, with the effect of the other joints."""
     halves = tuple(
         by.half_bend.along(free.x, free.v, memory, path.a)[0]
         for (by, free, memory), path in zip(joints, paths, strict=True)

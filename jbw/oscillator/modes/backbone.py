@@ -281,7 +281,7 @@ class Units(NamedTuple):
 
 
 def _units(options: BackboneOptions, mode: Mode, structure: Structure) -> Units:
-    """Return the units of the modal coordinate and of every joint's displacement in a backbone."""
+    """Return the units of the modal coordinate and of the joints' displacements in a backbone."""
     if options.is_one_joint:
         return Units(1.0 / structure.h[0, mode], jnp.ones(1))  # pyright: ignore
     return Units(1.0, jnp.max(jnp.abs(structure.h), axis=1))  # pyright: ignore[reportArgumentType]
@@ -317,7 +317,7 @@ def _motion(
     r = joint_forces(laws, point[0], x, options.max_turns)
     push = (structure.p * units.x) @ r  # pyright: ignore
     d = dynamic_stiffness(structure, omega, options.num_harmonics, zeta) / omega_m**2
-    # At zero amplitude d of the mode vanishes, so its first harmonic is not divided by it.
+    # At zero amplitude, d of the mode vanishes; therefore its first harmonic is not divided by it.
     residual_1 = d[mode, 0] * units.q * q_m1 + push[mode, 0]  # pyright: ignore
     q = (-push / d.at[mode, 0].set(1.0)).at[mode, 0].set(units.q * q_m1)  # pyright: ignore
     return BackboneMotion(omega, zeta, q_m1, q, x, r, residual_1)

@@ -62,7 +62,7 @@ def dynamic_stiffness(
 def joint_forces(
     laws: tuple, omega: Scalar, x: Complex[Array, "joint harmonic"], max_turns: int
 ) -> Complex[Array, "joint harmonic"]:
-    """Return the harmonics r_n of each joint's force without its linear part, along its motion.
+    """Return the harmonics r_n of each joint's nonlinear force along its motion.
 
     Joints with laws of the same kinds are computed side by side, by one program.
     """
@@ -112,7 +112,7 @@ def _law_harmonics_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple
 
 
 def _joint_force(laws: tuple, x: Array, omega: Scalar, max_turns: int) -> Array:
-    """Return the harmonics of the forces, without their linear part, of one joint's laws."""
+    """Return the harmonics of the nonlinear force of one joint's laws."""
     parts = [
         law.harmonics(x, max_turns, omega) if law.feels_rate else law_harmonics(law, x, max_turns)
         for law in laws
@@ -134,7 +134,7 @@ def modal_imbalance(
 def _coordinates(
     structure: Structure, omega: Scalar, x: Array, load: Any, max_turns: int
 ) -> Complex[Array, "mode harmonic"]:
-    r"""Return the modes for joint motion, $q_{i,n} = (b_i u_n - \sum_j p_{ij} r_{jn})/d_i$."""
+    r"""Return modal coordinates, $q_{i,n} = (b_i u_n - \sum_j p_{ij} r_{jn})/d_i$."""
     r = joint_forces(structure.laws, omega, x, max_turns)
     push = structure.b[:, None] * load - structure.p @ r  # pyright: ignore
     return push / dynamic_stiffness(structure, omega, x.shape[-1])

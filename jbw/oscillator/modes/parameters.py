@@ -47,7 +47,7 @@ NAMES = tuple(Names(*(quantity.name for quantity in mode)) for mode in MODES)
 SEEN = tuple(tuple(quantity.name for quantity in point) for point in POINTS)
 
 
-# Names of frequency and damping ratio, by mode that has its own.
+# Names of the frequency and the damping ratio of each driven mode.
 DRIVEN = (("omega_n", "zeta"), *(names[:2] for names in NAMES))
 
 
@@ -63,7 +63,7 @@ def has_further_modes(names: Any) -> bool:
 
 
 def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
-    """Return the structure with parameters given by name; b is relative to mode 1, and c = 1.
+    """Return the structure with parameters given by name; gains are relative to that of mode 1.
 
     For several joints, b and c are those of the reduced model (`jbw.oscillator.modes.assembled`).
 
@@ -138,7 +138,7 @@ def at_points(theta: Mapping[str, Any], structure: Structure) -> Structure:
 
 
 def _mode(theta: Mapping[str, Any], names: Names) -> tuple[Any, ...]:
-    """Return omega, zeta, h, p and b of one mode after the first."""
+    """Return one later mode's frequency, damping, joint motion h, coupling p and input gain b."""
     linear, b = (theta[names.omega], theta[names.zeta]), theta[names.ratio]
     if names.shape not in theta:
         return *linear, 0.0, 0.0, b

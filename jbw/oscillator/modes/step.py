@@ -68,7 +68,7 @@ class ModeStep(eqx.Module):
 
 
 class Coupling(eqx.Module):
-    """The effect of one joint's force on another joint's motion in a step, summed over modes.
+    """The effect of one joint's force on another joint's motion within a step, over all modes.
 
     `bend_*` are the effects of h^2 r''/2, a - b of the corrector's constants.
     """
@@ -86,7 +86,7 @@ class Coupling(eqx.Module):
 
 
 class JointKernel(eqx.Module):
-    """The constants of a joint's own part of a time step.
+    """The constants of a joint's time step that do not depend on other joints or modes.
 
     `bend_*` are the effects of h^2 r''/2 of the joint itself on its x and v.
     """
@@ -111,7 +111,7 @@ class JointStep(eqx.Module):
 
     @property
     def kernel(self) -> JointKernel:
-        """The constants of the joint's own part of a time step."""
+        """The constants of the joint's time step that do not depend on other joints or modes."""
         by_itself = self.by[self.place]
         return JointKernel(self.laws, self.dt, by_itself.bend_y, by_itself.bend_v)
 
@@ -159,7 +159,7 @@ class Begun(NamedTuple):
 
 
 class Remainder(NamedTuple):
-    """The force of a joint's laws without its linear part, r, and h r', at the start of a step."""
+    """The nonlinear force r of a joint's laws at the start of a step, and its rate times h."""
 
     r: Scalar
     rate: Scalar
@@ -177,7 +177,7 @@ class Path(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """The result of a joint's step: its effect on the modes, in addition to r and h r'.
+    """The result of a joint's step: nonlinear force and rate at its end, and impulses of kinks.
 
     Attributes:
         r_1: r at the end.
@@ -340,19 +340,19 @@ def seen_by_joints(
 
 
 def remainder(at: Begun) -> Remainder:
-    """Return a joint's force without its linear part, and its rate times the time step h."""
+    """Return a joint's nonlinear force r = F - K x, and its rate times the time step h."""
     return Remainder(*remainders(at.kernel.laws, at.kernel.dt, at.state, at.branches))
 
 
 def half_bend(at: Begun, a: Scalar) -> Scalar:
-    """Return h^2 r''/2 of a joint's nonlinear force r at the start of a step."""
+    """Return h^2/2 times the second time derivative of a joint's nonlinear force, for a step h."""
     if not at.kernel.laws:
         return jnp.zeros_like(a)
     return bend(at.kernel.laws, at.kernel.dt, at.state, at.branches, a)
 
 
 def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Return the effect of other joints' h^2 r''/2 on one joint's x and v; empty for one joint."""
+    """Return how other joints' second time derivatives of force change one joint's x and v."""
     if not half_bends:
         return ()
     pairs = list(zip(joint.by_others, half_bends, strict=True))
@@ -360,12 +360,11 @@ def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
 
 
 def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-    """Return for each joint the effect of the other joints' h^2 r''/2 on its x and v."""
+    """Return how, for each joint, other joints' second time derivatives of force change x and v."""
     return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
 
 
 def _without(place: int, values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return a tuple without the value at one index."""
     return values[:place] + values[place + 1 :]
 
 
@@ -384,14 +383,13 @@ def predicted(
 
 
 def _less(total: Scalar, *parts: Any) -> Scalar:
-    """Subtract terms from a total, one after another."""
     return reduce(sub, (part for group in parts for part in group), total)
 
 
 def pass_where_met(
     joint: JointStep, at: Begun, path: Path, others: tuple[tuple[Begun, Scalar], ...]
 ) -> tuple[Passed, End]:
-    """Advance a joint along its path; treat kinks only if it meets one.
+    """Advance a joint along its path; treat kinks of its force only if the step meets one.
 
     This is `jbw.oscillator.step.advance` without the motion of the modes. `others` are the other
     joints at the start, with their accelerations there.
@@ -411,7 +409,7 @@ def pass_where_met(
 
 
 def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passed, End]:
-    """Advance a joint along its path; treat kinks in every step, for derivatives of many steps.
+    """Advance a joint along its path; treat kinks in every step, for derivatives of all steps.
 
     `bends` are the effects of h^2 r''/2 of the other joints on this joint's x and v.
     """
@@ -425,13 +423,12 @@ def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passe
 
 
 def _smooth(at: Begun, path: Path) -> End:
-    """Return the predicted end of a path, with the internal states of its start."""
     none = jnp.zeros_like(path.x)
     return End(path.x, path.v, at.memory, at.branches, none, none)
 
 
 def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
-    """Return a joint's effect on the modes, and its step's end corrected for cusps of the force."""
+    """Return a joint's effect on the modes and the end of its step, both corrected for cusps."""
     laws, none = at.kernel.laws, jnp.zeros_like(shift)
     if not laws:
         return Passed(none, none, none, none, none), end
@@ -441,7 +438,6 @@ def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
 
 
 def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[End, Scalar]:
-    """Return the end of a step with kinks, and the part of their effect already included in x."""
     kernel, start = at.kernel, (at.state, at.branches, path.a)
     weights = kernel.bend_y, kernel.bend_v
     end, shifts = through_kinks(kernel.laws, kernel.dt, start, weights, (path.x, path.v), bends)

@@ -19,7 +19,8 @@ _PER_MODE = ("omega_n", "zeta", "b")
 # Relative distance to a higher harmonic within which a mode is excited by a lower mode.
 _NEAR = 0.05
 _ORDERS = (3, 5)
-# Relative motion of a joint in a mode below which it is rounding, and counts as none.
+# A joint counts as not moved by a mode if its relative motion is smaller than this, which is
+# rounding.
 _UNMOVED = 1e-8
 # Tolerance on the joints' share of the stiffness, which may reach 1.
 _ROUND_OFF = 1e-9
@@ -91,7 +92,7 @@ class Structure(eqx.Module):
 
 
 def by_joint(structure: Structure) -> Structure:
-    """Return a checked structure with an axis of joints: h (joint, mode), p (mode, joint)."""
+    """Return a checked structure with motions h (joint, mode) and couplings p (mode, joint)."""
     if jnp.ndim(structure.h) == 2:
         return structure
     h, p = jnp.asarray(structure.h), jnp.asarray(structure.p)
@@ -195,7 +196,7 @@ def _number_of_modes(shapes: dict[str, tuple[int, ...]]) -> tuple[int]:
 
 
 def _require_joints(structure: Structure, num_modes: int) -> None:
-    """Raise if h, p and the laws do not belong to the same joints and modes."""
+    """Raise if motions h, couplings p and laws do not belong to the same joints and modes."""
     num_joints = len(jnp.asarray(structure.h))
     for name, shape, axes in (
         ("h", (num_joints, num_modes), "joint, mode"), ("p", (num_modes, num_joints), "mode, joint")

@@ -46,7 +46,8 @@ from jbw.oscillator.steady.modal import modal_tones
 from jbw.oscillator.steady.waveform import orders
 
 NUM_HARMONICS = 4
-NUM_STEPS = 3  # number of Newton steps from the first harmonic alone; each one squares the error
+# Number of Newton steps that start from a motion of one harmonic; each step squares the error.
+NUM_STEPS = 3
 
 
 class Backbone(eqx.Module):
@@ -331,5 +332,4 @@ def _imbalance(
 
 
 def _split(values: Complex[Array, " harmonic"]) -> Float[Array, " part"]:
-    """Return the real parts, followed by the imaginary parts, as one array."""
     return jnp.concatenate([values.real, values.imag])

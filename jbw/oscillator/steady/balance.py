@@ -189,7 +189,6 @@ def balance(
 
 
 def _loaded(load: Scalar, law: Law) -> Law:
-    """Return a law in units of the displacement under a fraction of the full load."""
     return law.scaled(load, 1.0)
 
 

@@ -98,7 +98,7 @@ def flatter(q: Complex[Array, " harmonic"], theta: Float[Array, "..."]) -> Float
 def angle_of(
     q: Complex[Array, " harmonic"], start: Float[Array, ""], target: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """Return when y falls to a target value in the half period after the crest `start`.
+    """Return the angle at which y falls to a target value in the half period after the crest.
 
     It serves as a break point of a quadrature, where an error enters only by a higher power.
     """

@@ -47,16 +47,20 @@ def other_sign(source: str, test: str = "") -> FaultText:
     )
 
 
-def other_gain(ratio: float, source: str, unit: str, test: str = "") -> FaultText:
-    """Return the message for a repeat or a test of another gain, and the unit that explains it."""
+def other_gain(ratio: float, scale: float, source: str, unit: str, test: str = "") -> FaultText:
+    """Return the message for a repeat or a test of another gain, and the unit that explains it.
+
+    `scale` is the factor to paste: that of the unit, or the measured ratio.
+    """
     where, others, apart = _compared(test)
     sign = ", with the opposite sign" if ratio < 0 else ""
     hint = f" (the factor of a wrong unit: {unit})" if unit else ""
+    pasted = f"{scale:.6g}" if unit else f"{scale:.4g}"
     return FaultText(
         f"The ratio of response to drive{where} is {abs(ratio):.4g} times that of {others}"
         f"{sign}{hint}.",
         "A channel of this record has another unit or gain than the same channel of the others.",
-        f"{apart}Put under [[test]]: `scale = {{ {source} = {ratio:.4g} }}`.",
+        f"{apart}Put under [[test]]: `scale = {{ {source} = {pasted} }}`.",
     )
 
 
