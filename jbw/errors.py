@@ -120,7 +120,7 @@ class RunError(JbwError, RuntimeError):
 
 @contextmanager
 def naming(name: str) -> Iterator[None]:
-    """Add a name to the start of errors raised inside, unless they contain it already."""
+    """Add a name to the front of the messages of errors raised inside, unless they contain it."""
     try:
         yield
     except JbwError as error:
@@ -131,20 +131,20 @@ def naming(name: str) -> Iterator[None]:
 
 
 def did_you_mean(name: str, names: Iterable[str]) -> str:
-    """Return the start of a remedy: the known name most similar to the requested one, if any."""
+    """Return "Did you mean ...?" with the most similar known name, or an empty text."""
     lowered = {other.lower(): other for other in names}
     nearest = get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.4)
     return f"Did you mean `{lowered[nearest[0]]}`? " if nearest else ""
 
 
 def reason_of(error: Exception) -> str:
-    """Return why something failed, in one sentence: jbw's text, or another error's name."""
+    """Return the reason of a failure in one sentence, from the text or the type of its error."""
     text = error.what if isinstance(error, JbwError) else f"{type(error).__name__}: {error}"
     return printable(" ".join(text.split())).rstrip(".: ") + "."
 
 
 class Attempts:
-    """The attempts to make parts of a result: a failure is reported and affects nothing else.
+    """Attempts to make items of a result; a failed item is reported and the rest is still made.
 
     Attributes:
         said: One sentence for every part that could not be made.

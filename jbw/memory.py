@@ -81,11 +81,11 @@ class HeldRecords:
     finished: int = 0
 
     def begun(self, size: int) -> "HeldRecords":
-        """Return the numbers at the start of a new test with `size` modes and joints."""
+        """Return the counts of samples and bytes at the start of a test."""
         return HeldRecords(self.values, self.largest, 0, size, self.of_tests)
 
     def beside(self, samples: int, channels: int) -> "HeldRecords":
-        """Return the numbers with one more record of the present test."""
+        """Return the counts of samples and bytes after one more record of the present test."""
         return replace(
             self,
             values=self.values + samples * channels,
@@ -95,12 +95,12 @@ class HeldRecords:
 
     @property
     def of_tests(self) -> int:
-        """The bytes for all tests, including those that a fit needs."""
+        """The memory for all tests begun so far, including that of their fit [bytes]."""
         return self.finished + (OF_TEST + FOLLOWED * self.size) * self.longest
 
     @property
     def needed(self) -> float:
-        """The memory that an identification of the records needs [bytes]."""
+        """The memory that an identification needs for the records read so far [bytes]."""
         return PROCESS + VALUE * self.values + self.of_tests + OF_LONGEST * self.largest
 
 
@@ -129,11 +129,11 @@ def require_memory(held: HeldRecords, last: str) -> None:
 
 
 def admit_all(samples: int, channels: int, name: str) -> None:
-    """Accept every record, because mere reading is limited by `require_readable`."""
+    """Accept a record of any size: for mere reading, limited by `require_readable`."""
 
 
 def admit_alone(samples: int, channels: int, name: str) -> None:
-    """Raise a DataError for a record that alone is too large for an identification."""
+    """Raise a DataError for a record that by itself is too large for an identification."""
     require_memory(NO_RECORDS.beside(samples, channels), name)
 
 

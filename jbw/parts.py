@@ -27,7 +27,7 @@ class Parts(Protocol):
     """A function that computes a partial result, or loads it if it is stored."""
 
     def __call__[T](self, name: str, make: Callable[[], T], /, *kinds: type) -> T:
-        """Return the partial result that `make` computes, or its stored copy.
+        """Return a stored partial result; if none is stored, call `make` and store its result.
 
         Args:
             name: Name of the partial result, unique in the computation.
@@ -55,7 +55,10 @@ class KeptParts:
     mark: str
 
     def __call__[T](self, name: str, make: Callable[[], T], /, *kinds: type) -> T:
-        """Return the partial result of this name as read from its file, even if it was just made.
+        """Return a stored partial result; if none is stored, call `make` and store its result.
+
+        The result is always rebuilt from the file, so that a resumed computation gives the same
+        values.
 
         Raises:
             RunError: The file cannot be written.
@@ -75,12 +78,12 @@ class KeptParts:
 
 
 def digest_of(text: str) -> str:
-    """Return the first 16 hexadecimal digits of the SHA-256 of a text."""
+    """Return the first 16 hexadecimal digits of the SHA-256 hash of a text."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def as_arrays(value: Any, *kinds: type) -> dict[str, np.ndarray]:
-    """Return a value as named arrays, of which "value" is JSON that refers to the others.
+    """Convert a value to named arrays; the array "value" is JSON that refers to the other arrays.
 
     Args:
         value: Value made of None, numbers, text, lists, tuples, mappings, arrays, datasets, trees.
@@ -122,7 +125,7 @@ def as_arrays(value: Any, *kinds: type) -> dict[str, np.ndarray]:
 
 
 def from_arrays(arrays: Mapping[str, np.ndarray], *kinds: type) -> Any:
-    """Return the value from which `as_arrays` made named arrays."""
+    """Reconstruct the value that `as_arrays` converted to named arrays."""
     made: dict[str, Callable[[Any], Any]] = {
         **{kind.__name__: lambda told, kind=kind: kind(**value(told)) for kind in kinds},
         "tree": lambda told: xr.DataTree.from_dict(

@@ -42,7 +42,7 @@ class Quantity(NamedTuple):
 
 
 def must_be(quantity: Quantity, value: float) -> str | None:
-    """Return the condition, in words, that a too small value of a quantity violates, if it does."""
+    """Return the violated lower bound in words, such as "positive"; None if it is not violated."""
     least = quantity.least
     if least is None or value > least or (value == least and not quantity.is_open):
         return None
@@ -52,7 +52,7 @@ def must_be(quantity: Quantity, value: float) -> str | None:
 
 
 def attrs_of(quantities: Iterable[Quantity]) -> dict[str, dict[str, str]]:
-    """Return the attributes of each quantity's variable, by name."""
+    """Return the attributes of each quantity's dataset variable, keyed by the quantity's name."""
     return {quantity.name: quantity.attrs for quantity in quantities}
 
 
@@ -189,12 +189,12 @@ def derivative_order(response: str) -> int:
 
 
 def per(unit: str, source: str) -> str:
-    """Return a unit divided by another: `m` per `V` is `m/V`, `m` per `N/kg` is `m/(N/kg)`."""
+    """Return the unit of a ratio of two quantities, such as `m/V` for `m` and `V`."""
     return f"{unit}/({source})" if "/" in source else f"{unit}/{source}"
 
 
 def gain_unit(source: str) -> str:
-    """Return the unit of a source's gain: force per unit modal mass, divided by the source's unit.
+    """Return the unit of a source's gain: force per unit modal mass, per unit of the source signal.
 
     For a force in N the gain is one over the modal mass; for a force per mass it is the number 1.
     """
@@ -202,9 +202,10 @@ def gain_unit(source: str) -> str:
 
 
 def in_dialect(unit: str) -> str:
-    """Return a unit in jbw's dialect, converted if an old run wrote `m s-1` or `m^-2 s^6`."""
+    """Return a unit in jbw's spelling; old spellings such as `m s-1`, `m^-2 s^6` are converted."""
     stem, words, rest = unit.partition(" per ")
-    # A sign after a letter marks a power; the present form `m/s^2` has no such sign.
+    # A minus sign after a letter marks a power in old units; the present form `m/s^2` contains
+    # none.
     if not re.search(r"[A-Za-z]\^?-\d", stem):
         return unit
     factors = re.findall(r"([A-Za-z]+)\^?(-?\d+)?", stem)
@@ -219,11 +220,11 @@ def _power(exponent: str) -> str:
 
 
 # -- of several joints -----------------------------------------------------------------------------
-AT, TIED = "@", "="  # between a name and its joint; between joints that share a law
+AT, TIED = "@", "="  # "@" separates a name from its joint, "+" separates joints that share a law
 
 
 def label(name: str) -> str:
-    """Return a joint's name in the form used in parameter names: `bolt 1` is `bolt_1`."""
+    """Return a joint's name as it occurs in parameter names, such as `bolt_1` for `bolt 1`."""
     return re.sub(r"\W+", "_", name)
 
 
@@ -238,13 +239,13 @@ def law_name(law: str, joints: Iterable[str]) -> str:
 
 
 def natural(name: str) -> list[tuple[int, int | str]]:
-    """Return a sorting key with numbers by value, so that run_2 comes before run_10."""
+    """Return a key for sorting names in which numbers sort by value: run_2 comes before run_10."""
     parts = re.split(r"(\d+)", name)
     return [(1, int(part)) if part.isdecimal() else (0, part) for part in parts]
 
 
 def split(law: str) -> tuple[str, tuple[str, ...]]:
-    """Return the name of a law and the joints that share it; no joints for the only joint's law."""
+    """Return a law's name and the joints that share it; no joints if there is only one joint."""
     plain, _, joints = law.partition(AT)
     return plain, tuple(joints.split(TIED)) if joints else ()
 
@@ -259,7 +260,7 @@ _LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def motion_factor(mode: int, joint: str) -> Quantity:
-    """Return the quantity for a joint's motion in a mode, divided by that in the model."""
+    """Define the quantity: a joint's motion in a mode, divided by that in the structural model."""
     number = str(mode).translate(_LOWERED)
     return Quantity(
         name_at(f"{MOTION_FACTOR}_{mode}", joint), f"f{number} {joint}", "1",
@@ -268,12 +269,12 @@ def motion_factor(mode: int, joint: str) -> Quantity:
 
 
 def motion_factors_in(names: Iterable[Any]) -> dict[str, Quantity]:
-    """Return the joint motion factors that occur among parameter names, by name."""
+    """Return the quantities of all joint motion factors among parameter names, keyed by name."""
     stated = [re.fullmatch(rf"{MOTION_FACTOR}_(\d+){AT}(\w+)", str(name)) for name in names]
     found = (motion_factor(int(match[1]), match[2]) for match in stated if match)
     return {quantity.name: quantity for quantity in found}
 
 
 def joints_of(laws: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of all joints that have laws, in the order of their laws."""
+    """Return the names of all joints that have laws, in the order in which the laws are listed."""
     return tuple(dict.fromkeys(joint for law in laws for joint in split(law)[1]))

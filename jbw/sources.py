@@ -11,7 +11,7 @@ from pathlib import Path
 
 @cache
 def sources_of(*packages: str) -> str:
-    """Return the first 16 hexadecimal digits of SHA-256 over all Python files of packages.
+    """Return the first 16 hexadecimal digits of the SHA-256 hash of all Python files of packages.
 
     Args:
         packages: Package names, for example "jbw.measurement"; files in subfolders count too.

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import ConfigError, did_you_mean
 
-INCH = 0.0254  # exact, by the definition of 1959
+INCH = 0.0254  # exact: the international foot of 1959
 FOOT = 0.3048  # exact, twelve inches
 POUND_FORCE = 4.4482216152605  # exact, 0.45359237 kg times standard gravity
 GRAVITY = 9.80665  # exact, standard gravity
@@ -136,7 +136,7 @@ _DECIBEL = re.compile(
     r"dB\s*[,(]?\s*(?:reference|ref\.?|rel\.?|re\.?)[:=]?\s*([\d.]+(?:[eE][-+]?\d+)?)?\s*(\S.*?)\)?\s*",
     re.IGNORECASE,
 )
-LONGEST = 64  # letters of a unit; a longer text is no unit
+LONGEST = 64  # largest number of characters of a unit; a longer text is not a unit
 
 
 def si_unit(quantity: str) -> str:
@@ -145,7 +145,7 @@ def si_unit(quantity: str) -> str:
 
 
 def plain(unit: str) -> str:
-    """Return the table's spelling of a unit: `µm/s²` is `um/s^2`, `G's` is `g`."""
+    """Return a unit as the table of units spells it: `um/s^2` for `µm/s²`, `g` for `G's`."""
     return _plain(unit) if len(unit) <= LONGEST else unit
 
 
@@ -170,7 +170,7 @@ def _plain(unit: str) -> str:
 
 
 def _word(word: str) -> str:
-    """Return the symbol for a word in a compound unit, or the word if it has none."""
+    """Return the symbol for a word of a compound unit, or the word itself if it has no symbol."""
     symbol = WORDS.get(word.lower(), "") if len(word) > 2 else SYMBOLS.get(word, "")
     return symbol if symbol and re.fullmatch("[A-Za-z]+", symbol) else word
 
@@ -180,7 +180,7 @@ def _in_table(unit: str) -> bool:
 
 
 def _same_in_table(unit: str) -> str:
-    """Return the unit in the table that equals a compound unit; empty if there is none.
+    """Return the listed unit that equals a compound unit; an empty text if there is none.
 
     `m/s/s` and `m s^-2` are `m/s^2`; a unit per force or mass is a ratio, which no table contains.
     """
@@ -228,7 +228,7 @@ def measured(unit: str) -> Measured | None:
 
 
 def _factors(unit: str, sign: int = 1, depth: int = 0) -> Iterator[tuple[str, int]]:
-    """Yield the symbols of a compound with their powers; a stroke inverts the next factor."""
+    """Yield the symbols of a compound unit with their exponents, negative after a slash."""
     if depth > 4:
         raise ValueError(unit)
     rest, below = unit.strip(), 1
@@ -271,13 +271,13 @@ def _symbol(symbol: str) -> Measured | None:
 
 
 def decibels(unit: str) -> tuple[float, str] | None:
-    """Return a decibel unit's reference, as 1e-6 and `m/s^2` of `dB re 1e-6 m/s^2`; or None."""
+    """Return the reference of a decibel unit: (1e-6, "m/s^2") for `dB re 1e-6 m/s^2`; else None."""
     match = _DECIBEL.fullmatch(unit.strip()) if len(unit) <= LONGEST else None
     return (float(match[1] or 1.0), match[2]) if match else None
 
 
 def titled(title: str) -> tuple[str, str]:
-    """Return name and unit of a title such as `force [kN]` or `Time (ms)`; unit "" if it has none.
+    """Return the name and unit in a column title such as `force [kN]`; unit "" if none is stated.
 
     `Force, N` and `Velocity / mm/s` also have a unit. The text after the name of a time is always
     taken as its unit, because ignoring it would give a wrong rate.
@@ -301,12 +301,12 @@ def is_unit(text: str) -> bool:
 
 
 def is_voltage(unit: str) -> bool:
-    """Return whether a unit is one of voltage, as of a channel without its sensor's sensitivity."""
+    """Return whether a unit measures voltage, so that a sensor's sensitivity is still missing."""
     return plain(unit) in FACTORS["voltage"]
 
 
 def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
-    """Return the quantity that a unit measures, among the accepted quantities.
+    """Return which of the accepted quantities a unit measures; raise an error if it measures none.
 
     Args:
         unit: Unit as the user wrote it.
@@ -363,18 +363,18 @@ def to_si(values: ArrayLike, unit: str, quantity: str) -> NDArray[np.float64]:
 
 
 def factor_of(unit: str, quantity: str) -> float:
-    """Return the factor to SI of a unit; raise a ConfigError if it measures another quantity."""
+    """Return a unit's factor to SI; raise a ConfigError if it measures another quantity."""
     quantity_of(unit, (quantity,))
     return float(_factor(plain(unit), quantity) or 1.0)
 
 
 def _factor(written: str, quantity: str) -> float | None:
-    """Return the factor to SI from the table, or of a compound with the quantity's dimensions."""
+    """Return the factor to SI of a listed unit, or of a compound with the right dimensions."""
     if written in FACTORS[quantity]:
         return FACTORS[quantity][written]
     of_unit, si = measured(written), measured(si_unit(quantity))
-    # A frequency has the dimensions of 1/s like other rates, and N/kg those of an acceleration;
-    # only the table can decide there.
+    # The dimensions of a frequency are also those of other rates, and the dimensions of N/kg are
+    # those of an acceleration; such units are accepted only if the table lists them.
     by_table = quantity in ("frequency", "time") or (quantity == "acceleration" and "kg" in written)
     by_table = by_table or (quantity == "force per mass" and "kg" not in written)
     if by_table or of_unit is None or si is None or of_unit[1] != si[1]:
@@ -383,7 +383,7 @@ def _factor(written: str, quantity: str) -> float | None:
 
 
 def powers_of(unit: str) -> dict[str, int]:
-    """Return the powers of a unit's factors in jbw's dialect: `1/(m s^2)` is {m: -1, s: -2}."""
+    """Return the exponent of each factor in a unit, such as {m: -1, s: -2} for `1/(m s^2)`."""
     above, _, below = unit.partition("/")
     powers: dict[str, int] = {}
     for part, sign in ((above, 1), (below.strip("()"), -1)):

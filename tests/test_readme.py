@@ -26,7 +26,7 @@ def commands():
 def test_it_is_short_and_says_first_what_it_is_for():
     assert len(re.sub(r"https?://\S+", "", TEXT).split()) <= 500
     first = " ".join(TEXT.split("\n\n")[1].split())
-    assert first.startswith("Give it your vibration records; it returns frequency and damping")
+    assert first.startswith("Give jbw your vibration records; it returns frequency and damping")
     assert "git clone" in TEXT
     tables = re.findall(r"(?:^\|.*\n)+", TEXT, re.MULTILINE)
     assert len(tables) == 2

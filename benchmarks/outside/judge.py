@@ -155,7 +155,7 @@ def _judged(job: Job, options: Options, made: Campaign, folder: Path) -> dict[st
     texts += [
         sentence
         for sentence in said.statements
-        if sentence.startswith("Frequency and damping were not read") or CUT in sentence
+        if sentence.startswith("Frequency and damping could not be determined") or CUT in sentence
     ]
     row["named"] = bool(made.fault) and any(named.search(text) for text in texts)
     row |= _errors(made, said)

@@ -1,1 +1,1 @@
-"""Campaign files: how they are read, checked, drafted and described to editors."""
+"""Campaign files: how they are read, checked, drafted, and described to editors."""

@@ -30,10 +30,10 @@ SAID = {
     "dwell": messages.ASK_DWELL,
     "resample": messages.ASK_RATE,
 }
-# A function that asks a question and returns the answer; it raises EOFError without a user.
+# a function that asks a question and returns the answer; it raises EOFError without a user
 Ask = Callable[[str], str]
 Tell = Callable[[str], Any]
-# A function of a file and its channel names, which returns the channels named by the user.
+# a function of a file and its channel names that returns the channels which the user named
 Named = Callable[[Path, Collection[str]], Mapping[str, str]]
 MOST_LISTED = 12  # largest number of channels that a question lists
 
@@ -55,7 +55,7 @@ def channels_named_by(ask: Ask, tell: Tell) -> Named:
 
 
 def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) -> dict[str, str]:
-    """Return the channels that the user names as response and drive, by measured quantity."""
+    """Ask the user which channels are response and drive; return them by measured quantity."""
     roles: dict[str, str] = {}
     file = toml(path.name)
     with suppress(EOFError):
@@ -75,14 +75,14 @@ def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) ->
 
 
 def _one_of(names: Collection[str], question: str, default: str, ask: Ask, tell: Tell) -> str:
-    """Return the user's answer, one of the given names, or the default if it is empty."""
+    """Ask until the user gives one of the names; return it, or the default for an empty answer."""
     while (answer := ask(question).strip()) and answer not in names:
         tell(f"`{answer}` is none of them. {did_you_mean(answer, names)}".rstrip())
     return answer or default
 
 
 def answered(text: str, ask: Ask, tell: Tell) -> str:
-    """Return the draft with the user's answers; lines that were not reached stay unchanged."""
+    """Return the draft with the user's answers; lines without an answer stay unchanged."""
     lines = text.splitlines()
     files = ""
     for i, line in enumerate(lines):
@@ -110,7 +110,7 @@ def still_doubtful(text: str) -> Iterator[str]:
 
 
 def _questions(line: str) -> list[tuple[str, Callable[[str, str], str]]]:
-    """Return the questions about a line of a draft, each with the function that uses its answer."""
+    """Return the questions about a draft's line, each with the function that uses the answer."""
     match = LINE.match(line)
     if match is None:
         return []
@@ -136,7 +136,7 @@ def _shown(value: Any) -> str:
 
 
 def _value(line: str, key: str, answer: str) -> str:
-    """Return a draft's line with the user's answer, no longer marked as doubtful."""
+    """Return a draft's line with the user's answer and without the mark of doubt."""
     numbers = [part for part in re.split(r"[,;\s]+", answer.strip("[] ")) if part]
     try:
         values = [float(number) for number in numbers]
@@ -146,7 +146,7 @@ def _value(line: str, key: str, answer: str) -> str:
 
 
 def _of(line: str, role: str, answer: str) -> str:
-    """Return a line with one quantity's unit or channel replaced; keep its other marks of doubt."""
+    """Return a line with one quantity's unit or channel replaced; other marks of doubt remain."""
     match = LINE.match(line)
     body, why = (line, "") if match is None else (line.partition("  # CHECK: ")[0], match[4])
     key, _, value = body.partition(" = ")
@@ -157,7 +157,7 @@ def _of(line: str, role: str, answer: str) -> str:
 
 
 def _taken(lines: list[str], i: int, line: str, tell: Tell) -> str:
-    """Return a new line, or the old line if the new one makes the campaign file invalid."""
+    """Return the new line, or the old line if the new one makes the campaign file invalid."""
     before, after = (
         _error("\n".join([*lines[:i], new_line, *lines[i + 1 :]])) for new_line in (lines[i], line)
     )

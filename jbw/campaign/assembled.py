@@ -1,4 +1,4 @@
-"""The tables of a structure with several joints: [structure] with matrices, and [[joint]]."""
+"""Tables of a structure with several joints: [structure] with matrices, and [[joint]]."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, Self
@@ -18,7 +18,7 @@ FILES = ("mass", "stiffness", "damping", "dofs", "nodes")
 
 
 def place(value: Any) -> AnyPlace:
-    """Return where a joint acts: a degree of freedom, several with factors, or named weights."""
+    """Check where a joint acts: at a degree of freedom, several with factors, or named weights."""
     if isinstance(value, Mapping) and value:
         stated: AnyPlace = {values.text(name): values.number(x) for name, x in value.items()}
     else:
@@ -108,7 +108,7 @@ class AssembledStructure(FileTable):
     )
     input: Place = key(..., "place and direction of the source, node:direction", "5:z")
     points: Places = key(
-        ..., "names and places of the responses, weighted sums in SI", {"tip": "40:z"}
+        ..., "names and places of the responses; weighted sums are in SI", {"tip": "40:z"}
     )
     shapes: Literal["model", "uncertain"] = key(
         "model",
@@ -120,7 +120,7 @@ class AssembledStructure(FileTable):
 class JointTable(FileTable):
     """A [[joint]] table: one of several joints of a structure."""
 
-    name: values.Text = key(..., "its name", "bolt 1")
+    name: values.Text = key(..., "name of the joint", "bolt 1")
     across: Pair | None = key(
         None, "degrees of freedom on both sides; the joint moves by the second minus the first",
         ["17:x", "112:x"],
@@ -130,7 +130,7 @@ class JointTable(FileTable):
         {"17:rx": 0.0025, "112:rx": 0.0025},
     )  # fmt: skip
     shape: Motions | None = key(
-        None, "motion of the joint over that of the response in every mode, if modes are measured",
+        None, "motion of the joint in every measured mode, divided by that of the response",
         [1.0, -0.8],
     )  # fmt: skip
     stiffness: values.Positive | None = key(
@@ -217,14 +217,14 @@ def leader_of(joint: JointTable, by_name: Mapping[str, JointTable]) -> JointTabl
 
 
 def groups_of(joints: Sequence[JointTable]) -> list[int]:
-    """Return for every joint the index of the joint whose law it uses."""
+    """Return, for each joint, the index of the joint whose law it uses."""
     by_name = {joint.name: joint for joint in joints}
     leaders = [leader_of(joint, by_name) or joint for joint in joints]
     return [[joint.name for joint in joints].index(leader.name) for leader in leaders]
 
 
 def laws_of_joint(joint: JointTable, joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of a joint's laws; for a tied joint those of the other joint."""
+    """Return the names of a joint's laws; for a tied joint, those of the joint it names."""
     return (leader_of(joint, {other.name: other for other in joints}) or joint).laws
 
 

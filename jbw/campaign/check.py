@@ -43,19 +43,19 @@ from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record, is_sampled, share_clock
-from jbw.measurement.spans import toml_list
+from jbw.measurement.spans import in_whole_periods, toml_list
 from jbw.measurement.spectra import strongest_line
 from jbw.quantities import FED
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.message import FaultText
-from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
+from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, SPAN, exclude
 
-# Largest plausible motion of a joint [m]; joints on benches and in machines move by centimetres.
+# largest plausible motion of a joint [m]; joints in benches and machines move by centimetres
 LARGEST_MOTION = 1.0
-FEWEST_SAMPLES = 32  # smallest number of samples of which a motion is judged
-# If a one-mode fit has a larger relative residual, the gain from this fit is meaningless.
+FEWEST_SAMPLES = 32  # smallest number of samples from which a motion is judged
+# If a fit of one mode has a larger relative residual, its gain means nothing.
 OF_ONE_MODE = 0.3
-# Settings that only some kinds of test use, and the properties of these kinds.
+# settings that only some kinds of test use, with the property that these kinds have
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
     "modes": lambda kind: kind.is_driven,
@@ -84,7 +84,8 @@ class Check:
 
     campaign: str
     rows: tuple[Row, ...]
-    exit_code: int  # 0 if usable, 2 if the campaign file must change, 3 if the records must change
+    # 0 if the campaign is usable, 2 if its file must change, 3 if the records must change
+    exit_code: int
     seen: tuple[str, ...] = ()  # sentences on nonlinearity, differences of repeats, and noise
     joints: JointsCheck | None = None  # check of several joints; None for a single joint
 
@@ -141,7 +142,7 @@ def _checked_joints(
 
 @dataclass
 class _CheckedTest:
-    """Results for the repeats of one test, which are read one by one to save memory."""
+    """Results for the repeats of one test, which are read one after another to save memory."""
 
     rows: list[Row] = field(default_factory=list)
     codes: set[int] = field(default_factory=set)  # exit codes of all findings of the test
@@ -150,7 +151,7 @@ class _CheckedTest:
     # errors of repeats that cannot be read
     failures: dict[tuple[str, ...], JbwError] = field(default_factory=dict)
     first: list[Record] = field(default_factory=list)  # the first repeat, without its samples
-    # all repeats, if they are small enough for the memory
+    # all repeats, as long as they fit into the memory
     small_records: list[Record] = field(default_factory=list)
     repeats: int = 0
     held: int = 0  # number of samples of all stored repeats together
@@ -158,13 +159,13 @@ class _CheckedTest:
     levels: list[Level] = field(default_factory=list)
     # name of each repeat, and the gain fitted to it
     gains: list[tuple[str, float]] = field(default_factory=list)
-    # for each repeat, where its samples come from and how they were processed
+    # for each repeat, the origin of its samples and how they were processed
     provenances: list[Mapping[str, str]] = field(default_factory=list)
     proposed: list[str] = field(default_factory=list)
     seen: list[str] = field(default_factory=list)
 
     def take(self, record: Record, test: TestSpec, spec: CampaignSpec) -> None:
-        """Add the findings and facts of one repeat to the results."""
+        """Add one repeat's findings and facts to the results."""
         per_unit = gain_of(force_per_unit(spec), test.driven_by)
         of_one = has_one_mode(spec)
         faults = findings(
@@ -185,7 +186,7 @@ class _CheckedTest:
             return
         self.levels += level_of(record, test)
         self.proposed += [] if spoilt else long_records(test.name, test.traits, record)
-        # Keep the record without samples, so that a huge campaign is never held in memory.
+        # The record is kept without samples, so that a huge campaign is never held in memory.
         empty = {role: x[:0].copy() for role, x in record.channels.items()}
         self.first = [replace(record, channels=empty)]
 
@@ -244,18 +245,18 @@ def _unlike_gains(
 
 
 def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
-    """Return the name of a repeat and the gain fitted to it if it is a sweep; otherwise nothing."""
+    """Return a sweep's name with the gain fitted to it; an empty list for other records."""
     driven = any(role in record.channels for role in INPUTS)
     if not (test.traits.is_transient and driven):
         return []
     reading = examined_sweep(record, test.band, test.delay).reading
-    if reading is None or reading.residual > OF_ONE_MODE:
+    if reading is None or reading.residual > OF_ONE_MODE or np.isnan(reading.gain):
         return []
     return [(record.name, reading.gain)]
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
-    """Combine the line that a finding proposes with what the table of the test already states.
+    """Combine the line that a finding proposes with the line that the test's table already has.
 
     A proposed factor is multiplied with the stated one, so that pasting the line does not lose a
     calibration. Files that the test already excludes stay excluded.
@@ -279,7 +280,7 @@ def beside_stated(fault: Fault, test: TestSpec) -> Fault:
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:
-    """Yield the table's rows; each finding on a whole test is added to the row of its channel."""
+    """Yield the rows of the table; a finding on a whole test is added to its channel's row."""
     for row in rows:
         more = [fault for test, fault in faults if (test, fault.channel) == (row.test, row.role)]
         row_faults = (*more, *row.findings)
@@ -295,7 +296,7 @@ def as_json(check: Check) -> dict[str, Any]:
 
 
 def unread(spec: CampaignSpec) -> Iterator[Fault]:
-    """Yield a finding for every setting that has no effect on the tests of the campaign."""
+    """Yield a finding for every setting that has no effect on the campaign's tests."""
     traits, settings = [test.traits for test in spec.tests], spec.settings
     for name, reads in READ_BY.items():
         if name in settings.keys() and not any(map(reads, traits)):
@@ -313,7 +314,7 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
         from jbw.oscillator.laws import laws_named  # This import loads JAX.
 
         others = {name for law in laws_named(spec.laws) for name in law.coordinates}
-        # Choosing the parameters of Teloli et al. has an effect only if the laws offer others.
+        # The choice of the parameters of Teloli et al. has an effect only if the laws offer others.
         chosen = others if settings.coordinates == "paper" else settings.coordinates in others
         if not chosen:
             laws = ", ".join(spec.laws) or "none"
@@ -365,14 +366,18 @@ def findings(
             return stated
         return [*stated, *doubtful(record, test, first)]
 
-    if worst(facts) == "error":
-        return tuple(facts)
-    # What the file and the campaign state is certain; remedies for contradictions need no trial.
-    return (*facts, *tried(doubtful(record, test, first), facts, record, test, look, _reading))
+    doubts = [] if worst(facts) == "error" else doubtful(record, test, first)
+    # What the file and the campaign state is certain, so that only cuts of a record are tried.
+    certain = [fault for fault in facts if not SPAN.search(fault.remedy)]
+    uncertain = [
+        replace(fault, remedy=in_whole_periods(fault.remedy, record, test.periods))
+        for fault in [*(fault for fault in facts if fault not in certain), *doubts]
+    ]
+    return (*certain, *tried(uncertain, certain, record, test, look, _reading))
 
 
 def has_one_mode(spec: CampaignSpec) -> bool:
-    """Return whether the band contains one mode, so that checks of a single mode apply."""
+    """Return whether the campaign says that there is one mode, so that checks of one mode apply."""
     several = spec.structure is not None and len(spec.structure.modes) > 1
     stated = spec.settings.modes
     neighbours = stated - 1 if isinstance(stated, int) else len(stated[1:])
@@ -380,9 +385,10 @@ def has_one_mode(spec: CampaignSpec) -> bool:
 
 
 def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:
-    """Return the errors of a record's channels and its contradictions to the campaign file."""
+    """Return errors in a record's channels, and contradictions of record and campaign file."""
     in_order = test.traits.is_curve and not test.traits.is_controlled
-    faults = list(inspect(record, masked=test.gaps == "mask", is_curve=in_order))
+    masked = test.gaps == "mask"
+    faults = list(inspect(record, masked=masked, is_curve=in_order, delay_s=test.delay))
     fits = _fits_curve if test.traits.is_curve else _fits_test
     contradictions = list(fits(record, test))
     for other in first:
@@ -403,7 +409,7 @@ def _doubtful(
     laws: Sequence[str],
     of_one_mode: bool,
 ) -> list[Fault]:
-    """Return the doubts about a single record, with remedies that are not yet tested."""
+    """Return the warnings about a single record, with remedies that have not been tested yet."""
     faults = [*_of_metres(record, test), *_believable(record, test, per_unit, laws)]
     if of_one_mode and (examined := _examined(record, test)) is not None:
         faults += examined.faults
@@ -429,7 +435,7 @@ def _reading(record: Record, test: TestSpec) -> ModeReading | None:
 
 
 def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield an error if, according to the file, drive and response start at different times."""
+    """Yield an error if the file states different starting times for drive and response."""
     if not any(role in record.channels for role in INPUTS) or test.traits.is_curve:
         return
     starts = [
@@ -445,7 +451,7 @@ def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
 
 
 def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield a warning if the motion amounts to metres, which a wrong unit or rate would cause."""
+    """Yield a warning if the motion amounts to metres, as with a wrong unit or rate."""
     response = record.response
     x = record.channels[response]
     if test.traits.is_curve or record.units[response].startswith("rad") or len(x) < FEWEST_SAMPLES:
@@ -458,13 +464,13 @@ def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
 
 
 def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield a warning if a test records two sources and does not state which one drives it."""
+    """Yield a warning if a test records two sources and does not state which one is the drive."""
     if test.traits.is_driven and test.drive is None and set(INPUTS) <= record.channels.keys():
         yield doubt("input", *messages.TWO_SOURCES)
 
 
 def _fits_test(record: Record, test: TestSpec) -> Iterator[FaultText]:
-    """Yield the contradictions between a record over time and the campaign file."""
+    """Yield the contradictions between a time record and the campaign file."""
     nyquist = record.fs / 2
     if test.band and test.band[1] > nyquist:
         yield messages.band_beyond(test.band[1], nyquist)
@@ -489,7 +495,7 @@ def _fits_curve(record: Record, test: TestSpec) -> Iterator[FaultText]:
 
 
 def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Fault]:
-    """Yield doubts about keys that a test states or lacks, judged by its first record.
+    """Yield warnings about keys that a test states or lacks, judged by its first record.
 
     `jbw look` also reads decays without a band; an identification leaves them out.
     """
@@ -511,7 +517,7 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
 def _believable(
     record: Record, test: TestSpec, per_unit: float | None, laws: Sequence[str]
 ) -> Iterator[Fault]:
-    """Yield the doubts that need an estimate from the record, according to the kind of test."""
+    """Yield warnings that need an estimate from the record, which depends on the kind of test."""
     driven = any(role in record.channels for role in INPUTS)
     traits = test.traits
     if traits.is_broadband:

@@ -12,18 +12,18 @@ from jbw.measurement.faults.responses import LOCKED
 from jbw.measurement.files.tree import Leaf, load
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
 
-PARTS = 16  # number of sections into which a record is divided, each with a spectrum
+PARTS = 16  # number of sections into which a record is divided; each has a spectrum
 LEAST = 64  # smallest number of samples in a section
-# A section is a tone if more than this share of its power is near its strongest spectral line.
+# In a tone's section, more than this fraction of the power is near the strongest spectral line.
 ONE_LINE = 0.9
-# A section is noise if less than this share of its power is near its strongest spectral line.
+# In a section of noise, less than this fraction of the power is near the strongest spectral line.
 NO_LINE = 0.35
-# A tone is steady if the amplitudes of its sections, without the first quarter, have a smaller
-# ratio.
+# largest ratio of amplitudes between sections of a steady tone, without the first quarter
 STEADY = 1.2
 FALLS = 0.5  # largest rms of a decay's last quarter, relative to its strongest quarter
-MOVES = 3  # smallest shift of the strongest spectral line during a sweep, in spacings of lines
-FEWEST = 4  # smallest number of points of a curve in a table
+# smallest shift of the strongest spectral line during a sweep, as a multiple of the line spacing
+MOVES = 3
+FEWEST = 4  # smallest number of points of a response curve in a table
 FOLLOWS = 0.9  # smallest rank correlation between amplitude and frequency or force along a backbone
 GROWS = 2.0  # smallest ratio of the largest to the smallest amplitude or force along a backbone
 SHIFTS = 0.3  # largest relative range of frequency along a backbone
@@ -55,7 +55,7 @@ def course_of(x: Reals) -> Literal["tones", "noise", "sweep"] | None:
 
 
 def falls(x: Reals) -> bool:
-    """Return whether samples decay: the rms of the last quarter is below half of the largest."""
+    """Return whether samples decay: the last quarter's rms is below half of the largest one."""
     x = x[np.isfinite(x)]
     if len(x) < 8:
         return False
@@ -65,7 +65,7 @@ def falls(x: Reals) -> bool:
 
 
 def controlled_kind(roles: Mapping[str, Channel], series: Mapping[str, Leaf]) -> str:
-    """Return the kind of test that a table of frequencies and amplitudes shows; "" if unclear.
+    """Return the kind of test of a table of frequencies and amplitudes; an empty text if unclear.
 
     A constant phase indicates a backbone, as do a frequency and a force that change with the
     amplitude. Frequencies that are constant or go back indicate points of S-curves or of folded

@@ -25,13 +25,13 @@ from jbw.report.messages.message import Template, written
 
 MOST_BYTES = 2**20  # largest size of a campaign file in bytes, enough for several thousand tests
 LISTED = 20  # largest number of keys or errors that are listed one by one
-# Sentences for errors that pydantic finds; the checks of this package have separate sentences.
+# sentences for errors that pydantic finds; this package's own checks have separate sentences
 SENTENCES = {
     "bool_type": "must be true or false, but is {value!r}.",
     "greater_than": "must be positive, but is {value}.",
     "greater_than_equal": "must not be negative, but is {value}.",
 }
-# Characters that word processors and web pages use in place of quotes, minus signs and blanks.
+# characters that word processors and web pages use in place of quotes, minus signs and blanks
 DOUBLE, SINGLE = "“”„‟«»″", "\u2018\u2019\u201a\u201b\u2039\u203a\u2032"
 STRAIGHT = str.maketrans(
     dict.fromkeys(DOUBLE, '"') | dict.fromkeys(SINGLE, "'")
@@ -42,7 +42,7 @@ DOUBLE_QUOTED = re.compile(r'"[^"]*"')
 COMMA = re.compile(r"(?<![\w.,\"'])([-+]?\d+),(\d+)(?![\w.])")
 POINT = re.compile(r"(?<![\w.\"'])(\d*)\.(\d*)(?![\w.\"'])")
 BARE = re.compile(r"""(=\s*)([A-Za-z_/~*][^\s"'#{}\[\],=]*)(?=\s*(?:[,}\]#]|$))""")
-# KEY matches a key, or a quantity in its table, with its value; HEAD matches the head of a table.
+# KEY matches a key, or a quantity in its table, with its value; HEAD matches a table's heading.
 KEY = re.compile(r"\s*([\w-]+)(?:\.([\w-]+))?\s*=\s*(.*\S)\s*")
 HEAD = re.compile(r"\s*\[\s*([\w.-]+)\s*\]\s*")
 WORDS_OF_TOML = {
@@ -78,13 +78,13 @@ class FileTable(BaseModel):
 
 
 def key(default: Any, says: str, example: Any = None) -> Any:
-    """Return the field of a table's key with default (or factory, or `...`), meaning, example."""
+    """Return the field for a table's key: default (or factory, or `...`), meaning and example."""
     default_field: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
     return Field(**default_field, description=says, examples=None if example is None else [example])
 
 
 def unlike(name: str, names: Iterable[str]) -> str:
-    """Return the end of an error on an unknown name: the most similar name, and all names."""
+    """Return the end of an error about an unknown name: the most similar name, and all names."""
     names = list(names)
     nearest = get_close_matches(str(name), names, n=1, cutoff=0.5)
     return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (known: {', '.join(names)})"
@@ -119,7 +119,7 @@ def document_of(source: str, file: str) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(source)
-    # The text is not TOML, or has a number with thousands of digits.
+    # The text is not TOML, or it contains a number with thousands of digits.
     except (ValueError, RecursionError) as error:
         if isinstance(error, RecursionError):
             reason, remedy = "nested too deeply", SEE_TOML
@@ -129,7 +129,7 @@ def document_of(source: str, file: str) -> dict[str, Any]:
 
 
 def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list[str]:
-    """Return a sentence on each unknown table of a file; beyond a limit only their number."""
+    """Return a sentence on each unknown table of a file; if there are many, only their number."""
     unknown = [name for name in document if name not in tables]
     sentences = [f"[{name}]: unknown table{unlike(name, tables)}." for name in unknown[:LISTED]]
     return sentences + (
@@ -140,7 +140,7 @@ def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list
 def checked[Found: FileTable](
     model: type[Found], table: Any, where: str, errors: list[str]
 ) -> Found | None:
-    """Return the validated record of a table; append its errors and return None if it is invalid.
+    """Validate a table and return its record; for errors, append sentences and return None.
 
     `where` is the name of the table in messages, such as `[identify]`.
     """
@@ -163,7 +163,7 @@ def checked[Found: FileTable](
 def _lines(model: type[FileTable], error: ErrorDetails) -> Iterator[str]:
     """Yield the sentences on one error of a table, each with the key concerned."""
     key, *inner = [str(part) for part in error["loc"] if isinstance(part, str)] or [""]
-    # If an error concerns a whole table, some of its sentences name their key themselves.
+    # If an error concerns a whole table, its sentences may name their key themselves.
     names = f" {': '.join([key, *inner])}: " if key else ""
     for line in _sentence(model, key, error).splitlines():
         yield names + line if names else f" {line}" if re.match(r"\w+:", line) else f": {line}"
@@ -234,7 +234,7 @@ def toml(value: Any) -> str:
 
 
 def commented(table: type[FileTable], names: Iterable[str]) -> list[str]:
-    """Return comment lines that offer additional keys of a table, with example and meaning."""
+    """Return comment lines that offer additional keys of a table, each with example and meaning."""
     fields = {name: table.model_fields[name] for name in names}
     return [
         f"# {name} = {toml(field.examples[0]) if field.examples else '...'}  # {field.description}"
@@ -243,7 +243,7 @@ def commented(table: type[FileTable], names: Iterable[str]) -> list[str]:
 
 
 class Slip(NamedTuple):
-    """A common mistake in a TOML line: its message, and a function that corrects the line."""
+    """A common mistake in a TOML line: the message, and a function that corrects the line."""
 
     says: Template
     cured: Callable[[str], str]
@@ -254,7 +254,7 @@ def _with_straight_quotes(line: str) -> str:
 
 
 def _with_forward_slashes(line: str) -> str:
-    """Replace backslashes by forward slashes in double-quoted paths (Windows takes both)."""
+    """Replace backslashes by forward slashes in double-quoted paths; Windows accepts both."""
     return DOUBLE_QUOTED.sub(lambda match: re.sub(r"\\+", "/", match[0]), line)
 
 
@@ -263,12 +263,12 @@ def _with_decimal_points(line: str) -> str:
 
 
 def _with_whole_numbers(line: str) -> str:
-    """Return a TOML line with digits on both sides of every decimal point."""
+    """Write digits on both sides of every decimal point in a TOML line."""
     return POINT.sub(lambda match: f"{match[1] or 0}.{match[2] or 0}", line)
 
 
 def _with_quotes(line: str) -> str:
-    """Return a TOML line with bare words in quotes, or replaced by the constants they mean."""
+    """Put the bare words of a TOML line in quotes, or replace them by the constants they mean."""
 
     def quoted(match: re.Match[str]) -> str:
         value = WORDS_OF_TOML.get(match[2]) or '"{}"'.format(match[2].replace("\\", "/"))
@@ -311,7 +311,7 @@ def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
 
 
 def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
-    """Return the error and remedy for a key or table that is stated on two lines, or None."""
+    """Return error and remedy if two lines state the same key or table; otherwise None."""
     if head := HEAD.fullmatch(lines[number - 1]):
         opened = {match[1]: i for i, x in reversed([*enumerate(lines[: number - 1], 1)])
                   if (match := HEAD.fullmatch(x))}  # fmt: skip
@@ -328,7 +328,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
     other, first = same[-1]
     if first[2] == last[2]:
         return messages.key_again(number, last[1], other)
-    if first[2] and last[2]:  # The key names two quantities, one on each line.
+    if first[2] and last[2]:  # The two lines name two quantities.
         return None
     role, item, table = (last[2], last[3], first[3]) if last[2] else (first[2], first[3], last[3])
     return _in_one_table(last[1], role, item, table, (other, number))
@@ -337,7 +337,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
 def _in_one_table(
     key: str, role: str, item: str, table: str, numbers: tuple[int, int]
 ) -> tuple[str, str] | None:
-    """Return one line for two lines that state one key for several quantities."""
+    """Merge two lines that state a key for several quantities; return message and merged line."""
     try:
         stated, value = tomllib.loads(f"table = {table}\nitem = {item}").values()
     except (ValueError, RecursionError):
@@ -353,11 +353,11 @@ def _in_one_table(
 
 
 def _is_toml_to(number: int, lines: list[str]) -> bool:
-    """Return whether the first lines, up to a line number, are valid TOML."""
+    """Return whether the text is valid TOML up to and including the given line."""
     source = "\n".join(lines)
     try:
         tomllib.loads(source)
-    except RecursionError:  # The table is nested too deeply further down.
+    except RecursionError:  # The table is nested too deeply in a later line.
         return False
     except ValueError as error:
         return _line_number(error, source) > number

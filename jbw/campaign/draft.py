@@ -1,4 +1,4 @@
-"""Drafting of a first campaign file from the files in a folder, with every guess marked."""
+"""The draft of a first campaign file from the files in a folder; every guess is marked."""
 
 import re
 import tomllib
@@ -55,7 +55,7 @@ from jbw.units import decibels, plain
 
 LISTED = 12  # largest number of channels that a comment lists
 MOST_GROUPS = 500  # If there are more groups of repeats than this, files are not grouped by name.
-# number of bytes at the start of a file, which show whether it may contain a response curve
+# number of bytes at a file's start that show whether it may contain a response curve
 BEGINNING = 1 << 14
 BAND = "\nband = ["
 CHANNELS = "\nchannels = "
@@ -71,13 +71,13 @@ NEWTON_METRES = {
 SENSORS = "# sensitivity = "
 # Two bands lie around the same spectral line if the ratio of their centres is smaller than this.
 SAME_LINE = 1.25
-# Smallest height of a line that can be seen in a decay, relative to the strongest line.
+# smallest height, relative to the strongest line, of a line that can be seen in a decay
 LEAST_HEIGHT = 0.02
 FOLLOWING = 0.7  # Force and displacement form a loop if their correlation is larger than this.
-MOST_LEVELLED = 100  # largest number of files of which the levels of the source are determined
-FILES = "# files"  # placeholder for the line of files, which depends on the levels in them
+MOST_LEVELLED = 100  # largest number of files for which the levels of the source are determined
+FILES = "# files"  # placeholder for the line with the files, which depends on their levels
 MOST_BLOCKS = 40  # largest number of tests drafted from a single file
-# Keys of a test that a draft offers in a comment.
+# keys of a test that a draft offers in a comment
 OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
 KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", tap="decay",
                   pluck="decay", ringdown="decay", msine="multisine", sinesw="sweep",
@@ -85,18 +85,18 @@ KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", 
 Assume = Callable[[str], None]
 NOBODY = Channel("...", "", "")
 Reach = tuple[float, float]  # lowest and highest frequency [Hz] of response curves
-FEW_COLUMNS = 16  # A table with more columns does not contain just a few channels.
+FEW_COLUMNS = 16  # In a table with more columns, these are not a few channels.
 
 
 @dataclass(frozen=True)
 class Looked:
-    """The content of a measurement file, as seen when the file is opened."""
+    """The content of a measurement file, as seen when it is opened."""
 
     leaves: Leaves  # all arrays of the file
     series: Leaves  # arrays of the file that may be channels
     fs: float | None  # sampling frequency of the whole file [Hz]; None if not stated
     recorder: str
-    doubts: tuple[str, ...] = ()  # statements of the file that the reader cannot use
+    doubts: tuple[str, ...] = ()  # what the file states and the reader cannot use
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ def start_campaign(
     if of_model and not visible:
         what, why, remedy = messages.matrices_alone(str(folder), names_of_model)
         raise DataError(what, why=why, remedy=remedy)
-    # pairs of a file and what the draft assumes about it
+    # pairs of a file's name and an assumption about the file
     assumed = [(path.name, messages.to_export(EXPORTS[path.suffix.lower()]))
                for path in there if path.suffix.lower() in EXPORTS]  # fmt: skip
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
@@ -178,7 +178,7 @@ def start_campaign(
 
 
 def _head(folder: Path, mass: float | None, torques: Collection[str]) -> list[str]:
-    """Return the lines of [campaign], and of [assembly] if the file names state one torque."""
+    """Return the lines of [campaign], and of [assembly] if the file names contain one torque."""
     name = f"name = {toml(folder.resolve().name or 'campaign')}"
     offered = commented(Head, ("modal_mass", "gain")[mass is not None :])
     stated = [] if mass is None else [f"modal_mass = {toml(mass)}"]
@@ -195,7 +195,7 @@ def _tests(
     assumed: list[tuple[str, str]],
     named: Named,
 ) -> list[str]:
-    """Return the drafted [[test]] tables of all files, with names and common bands."""
+    """Return drafted [[test]] tables of all files, with names and common bands."""
     blocks: list[str] = []
     names: list[str] = []
     curves = _frequencies_of_curves(groups)
@@ -214,13 +214,13 @@ def _tests(
 
 
 def _torque_of(path: Path) -> str:
-    """Return a tightening torque in a file's name, as written there; empty if there is none."""
+    """Return the tightening torque in a file's name, as written there; empty if there is none."""
     found = TORQUE.search(path.stem)
     return found.group(0).strip("_ -") if found else ""
 
 
 def _in_newton_metres(torque: str) -> float:
-    """Return the torque in a file's name as a number [N m]."""
+    """Convert the torque in a file's name to a number [N m]."""
     (number, unit) = TORQUE.findall(torque)[0]
     value = float(re.sub("[,pP]", ".", number)) * NEWTON_METRES[unit[0].lower()]
     return float(f"{value:.6g}")
@@ -229,7 +229,7 @@ def _in_newton_metres(torque: str) -> float:
 def _bands_together(
     blocks: Sequence[str], folder: Path, assumed: list[tuple[str, str]]
 ) -> list[str]:
-    """Give all drafted decays of one mode a common band, around a spectral line they all show.
+    """Give all drafted decays of one mode a common band, around a spectral line in all of them.
 
     An impact may move the suspension more than the joint, so that its line is the largest in one
     test. The line of the joint stands out in every test.
@@ -257,7 +257,7 @@ def _bands_together(
 
 
 def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> dict[int, Reach]:
-    """Return the common band of decays of one mode, around a spectral line that all of them show.
+    """Return the common band of one mode's decays, around a spectral line in all of them.
 
     All decays of one mode are fitted in one band, which is the intersection of their bands.
     """
@@ -281,12 +281,12 @@ def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> 
 
 
 def _name_of(path: Path, number: int, count: int) -> str:
-    """Return the name of a drafted test, from the name of its file."""
+    """Return the name of a drafted test, made from the name of its file."""
     return f"{shared_name(path)} {number + 1}" if count > 1 else shared_name(path)
 
 
 def shared_name(path: Path) -> str:
-    """Return the name of a file without the number of the repeat."""
+    """Return a file's name without the number of the repeat."""
     return _stem(path)[0].rstrip(" _-.(") or path.stem
 
 
@@ -316,7 +316,7 @@ def looked_at(contents: Contents) -> Looked:
 
 
 def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
-    """Yield each assumption once, together with all files that it concerns."""
+    """Yield each assumption once, with all files that it concerns."""
     files: dict[str, list[str]] = {}
     for name, what in assumed:
         files.setdefault(what, []).append(name)
@@ -339,7 +339,7 @@ def measurement_files(folder: Path) -> list[Path]:
 
 
 def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
-    """Write a draft as a new campaign file; raise a ConfigError if the file exists."""
+    """Write a draft to a new campaign file; raise a ConfigError if the file exists."""
     path = Path(folder) / name
     try:
         with path.open("xb") as file:
@@ -347,7 +347,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
     except FileExistsError:
         raise already_written(path) from None
     except OSError as error:
-        path.unlink(missing_ok=True)  # This part was written before the disk was full.
+        path.unlink(missing_ok=True)  # The disk was full after this part of the file was written.
         raise RunError(
             f"`{path}` cannot be written: {error.strerror or error}.",
             remedy="Free some space, or make the folder writable; or keep the draft elsewhere: "
@@ -357,7 +357,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
 
 
 def already_written(path: Path) -> ConfigError:
-    """Return the error for a campaign file that exists already."""
+    """Return the error for a campaign file that already exists."""
     return ConfigError(
         f"`{path}` exists already; it is not overwritten.",
         remedy="See the draft with: jbw init --print FOLDER",
@@ -365,7 +365,7 @@ def already_written(path: Path) -> ConfigError:
 
 
 def _stem(path: Path) -> tuple[str, str]:
-    """Return the name of a file without the number at its end, which repeats of a test share."""
+    """Return a file's name without its final number, which counts repeats, and its suffix."""
     return re.sub(r"\d+$", "", path.stem), path.suffix.lower()
 
 
@@ -387,7 +387,7 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
 
 
 def _may_hold_a_curve(path: Path) -> bool:
-    """Return whether a file may contain a response curve (a text must mention frequencies)."""
+    """Return whether a file may contain a response curve; a text must mention frequencies."""
     with suppress(OSError), path.open("rb") as stream:
         head = stream.read(BEGINNING)
         is_text = READERS.get(path.suffix.lower(), "").endswith(".csv") and b"\0" not in head
@@ -424,7 +424,7 @@ def _block(
     curves: Reach | None,
     named: Named,
 ) -> list[str]:
-    """Draft one [[test]] table per level, as a comment if no channel is known to be a response."""
+    """Draft one [[test]] table per level, or a comment if no channel is known to be a response."""
 
     def assume(what: str) -> None:
         assumed.append((files[0].name, what))
@@ -480,7 +480,7 @@ def _block(
 
 
 def _channels(file: Path, series: Leaves, named: Named) -> dict[str, Channel]:
-    """Return the channel of each quantity; ask the user if no channel is a known response."""
+    """Return the channel of each quantity; ask the user if no channel is known to be a response."""
     channels = channels_by_role(series)
     if not channels.keys().isdisjoint(RESPONSES):
         return channels
@@ -533,7 +533,7 @@ def _levels(
 
 
 class DraftedClock(NamedTuple):
-    """The sampling of a test in a draft."""
+    """How a drafted test is sampled."""
 
     is_known: bool  # whether the sampling rate is known from the file
     unused: tuple[str, ...] = ()  # quantities whose channels are left out of the draft
@@ -543,7 +543,7 @@ class DraftedClock(NamedTuple):
 
 
 def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> DraftedClock:
-    """Draft how a test is sampled: one clock, two rates, uneven samples or two start times."""
+    """Draft how a test is sampled: one clock, two rates, uneven samples or two starting times."""
     if traits.is_curve:
         return DraftedClock(True)
     leaves = {role: looked.series[c.path] for role, c in channels.items() if role != "time"}
@@ -563,13 +563,13 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Dra
         unit, fs = _of_times(channel, looked)
         if traits.is_prescribed and np.any(np.diff(np.ravel(load(clock))) <= 0):
             return DraftedClock(True, ("time",), (), tuple(lines), ())  # A loop needs no clock.
-        if not unit:  # Times without a unit count samples.
+        if not unit:  # times without a unit that only count samples
             return DraftedClock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
         if fs and not rates:
             lines.append(messages.mean_rate(toml(fs)))
             assumed.append(messages.coarse_times(channel.path, fs))
             return DraftedClock(True, ("time",), (channel.path,), tuple(lines), tuple(assumed))
-        if rates:  # These channels have slower rates than the table's times.
+        if rates:  # the channels' rates are below the rate of the table's times
             lines.append(messages.slowest(toml(_round(min(rates)))))
         elif proposal := _uneven(clock, unit):
             lines.append(messages.resampled(toml(proposal)))
@@ -586,7 +586,7 @@ def _of_times(channel: Channel, looked: Looked) -> tuple[str, float | None]:
 
 
 def _delay(leaves: Mapping[str, Leaf]) -> float:
-    """Return when the drive starts relative to the response [s]; 0 if the file does not say."""
+    """Return the delay of the drive's start after the response's [s]; 0 if none is stated."""
     starts = [
         next((leaves[role].start_s for role in roles if role in leaves), None)
         for roles in (INPUTS, RESPONSES)
@@ -659,7 +659,7 @@ def _band(
     assume: Assume,
     curves: Reach | None,
 ) -> str:
-    """Return the band of a free decay, around the strongest spectral line of its first record.
+    """Draft a free decay's band, around the strongest spectral line of its first record.
 
     If there are response curves, the line is searched within their frequencies: a hammer also
     excites the suspension, which moves further than the joint's mode.
@@ -707,16 +707,16 @@ def _sampling(leaves: Leaves, assume: Assume, counts: Sequence[str] = ()) -> str
 
 
 def _scalar_rate(leaves: Leaves) -> str:
-    """Return the path of a number whose name is that of a sampling frequency; "" if none is."""
+    """Return the path of a number that is named like a sampling frequency; "" if there is none."""
     scalars = (n for n, leaf in leaves.items() if all(length == 1 for length in leaf.shape))
     return next((name for name in scalars if RATE.search(last_name(name))), "")
 
 
 def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Channel]) -> str:
-    """Draft a [[test]] table as a comment, which the user completes."""
+    """Draft a [[test]] table as a comment, which the user must complete."""
     leaves = looked.series or looked.leaves
     paths = {role: channel.path for role, channel in channels.items()}
-    # Only the file's name suggests the kind: the drive channel is unknown.
+    # Only the file's name suggests the kind, because the drive channel is unknown.
     kind, is_sure = _kind_of(files[0], {**channels, "force": NOBODY, "restoring_force": NOBODY}, {})
     if "frequency" in paths and "force" not in paths and any(map(_is_complex, leaves.values())):
         kind, is_sure = "frf", True
@@ -772,14 +772,14 @@ def _pattern(files: Sequence[Path]) -> str | list[str]:
 
 
 def _listed(series_names: Collection[str]) -> str:
-    # Names in TOML quotes cannot end the comment, whatever the file names contain.
+    # Names in TOML quotes cannot end the comment, whatever they contain.
     some = [toml(name) for name in list(series_names)[:LISTED]]
     more = len(series_names) - len(some)
     return (", ".join(some) or "nothing") + (f" and {more} more" if more else "")
 
 
 def _series_in(leaves: Leaves) -> dict[str, Leaf]:
-    """Return the series of a file by their paths: vectors, and the columns of narrow tables."""
+    """Return the series in a file by their paths: vectors, and the columns of narrow tables."""
     series: dict[str, Leaf] = {}
     for name, leaf in leaves.items():
         long = [length for length in leaf.shape if length > 1]
@@ -792,7 +792,7 @@ def _series_in(leaves: Leaves) -> dict[str, Leaf]:
 
 
 def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
-    """Return the series of a file by the struct that contains them, if all structs are alike."""
+    """Divide a file's series by the struct that contains them, if all structs are alike."""
     groups: dict[str, dict[str, Leaf]] = {}
     for name, leaf in series.items():
         groups.setdefault(name.rpartition(".")[0], {})[name] = leaf
@@ -808,7 +808,7 @@ def _is_complex(leaf: Leaf) -> bool:
 def _kind_of(
     path: Path, roles: Mapping[str, Channel], series: Leaves, *, is_timed: bool = True
 ) -> tuple[str, bool]:
-    """Return the likely kind of a test from its file name and channels, and whether it is sure."""
+    """Return the likely kind of a test from file name and channels, and whether it is certain."""
     if kind := controlled_kind(roles, series):
         return kind, True
     if {"frequency", "phase"} <= set(roles):
@@ -826,7 +826,7 @@ def _kind_of(
     if not driven and {"restoring_force", "displacement"} <= set(roles):
         return "loop", True
     if driven and {"force", "displacement"} <= set(roles):
-        # A cyclic test needs no times, whereas a forced motion does.
+        # A cyclic test needs no times, but a forced motion does.
         clocked = is_timed or any(series[roles[r].path].fs for r in ("force", "displacement"))
         if not clocked or _follows(roles, series):
             return "loop", False
@@ -850,7 +850,7 @@ def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
 
 
 def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
-    """Return whether force and displacement form a loop, and not a drive and its response.
+    """Return whether force and displacement form a loop, instead of a drive and its response.
 
     A driving force is a quarter period apart from the displacement near a resonance, and opposite
     to it far above.
@@ -863,7 +863,7 @@ def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
     if finite.sum() < 3 or not (np.ptp(force[finite]) and np.ptp(displacement[finite])):
         return False
     force, displacement = force[finite], displacement[finite]
-    # Along a wide loop force and displacement are also a quarter period apart, but rise and fall
+    # On a wide loop, force and displacement are also a quarter period apart, but they rise and fall
     # together.
     steps = np.diff(force) * np.diff(displacement)
     together = float(steps.sum() / max(float(np.abs(steps).sum()), 1e-300))

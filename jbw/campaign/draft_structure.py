@@ -1,4 +1,4 @@
-"""Drafts of the tables [structure] and [[joint]] from matrices next to the records."""
+"""The draft of the tables [structure] and [[joint]] from matrices next to the records."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -16,16 +16,16 @@ from jbw.report.messages import draft as messages
 HELD_TOGETHER = (".pch", ".dmig", ".op4")
 HELD_WITH_NAMES = (".mat", ".npz")  # suffixes of files that contain either all matrices or records
 TEXTS = (".csv", ".txt", ".dat")
-# Column names in tables of degrees of freedom and of nodes; a table has one of these sets.
+# column names in tables of degrees of freedom and of nodes; a table has one of these sets
 TABLES = {"dofs": ({"node"}, {"direction", "dof", "dir"}), "nodes": ({"node"}, {"x"}, {"y"}, {"z"})}
-BEGINNING = 256  # number of characters at the start of a text that contain its header
+BEGINNING = 256  # number of characters at a text's start that contain its header
 
 
-MatrixFiles = str | dict[str, str]  # file or files in the form that [structure] uses
+MatrixFiles = str | dict[str, str]  # a file or several files, in the form that [structure] uses
 
 
 def model_files(files: Sequence[Path]) -> tuple[MatrixFiles, Sequence[Path]] | None:
-    """Return the files of one model, mass and stiffness in one file or separate; empty if none.
+    """Return the files of a model, with mass and stiffness in one file or two; empty if none.
 
     Matrices in separate files are recognised by the names of the files, and the tables of degrees
     of freedom and of nodes next to them by their columns.
@@ -39,7 +39,7 @@ def model_files(files: Sequence[Path]) -> tuple[MatrixFiles, Sequence[Path]] | N
 
 
 def structure_lines(stated: MatrixFiles, folder: Path) -> Iterator[str]:
-    """Yield the commented tables [structure] and [[joint]]; the user adds the joints' places."""
+    """Yield the tables [structure] and [[joint]] as comments; the user adds where joints act."""
     source: str | Path | Mapping[str, Path]
     if isinstance(stated, str):
         source = folder / stated
@@ -57,7 +57,7 @@ def structure_lines(stated: MatrixFiles, folder: Path) -> Iterator[str]:
 
 
 def _holds_model(path: Path) -> bool:
-    """Return whether the arrays of a file include mass and stiffness, judged by their names."""
+    """Return whether the names of a file's arrays include those of mass and stiffness."""
     suffix = path.suffix.lower()
     if suffix in HELD_TOGETHER:
         return True

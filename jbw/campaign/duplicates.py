@@ -18,14 +18,14 @@ from jbw.measurement.spans import LEAST, exclude_line, is_by_file, of_all, put_l
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.remedies import LEAVE_OUT_BY_NUMBER
 
-# Smallest equal share of two records that counts: a fifth makes intervals too narrow by a tenth;
-# above one half the records count as the same.
+# Shared fractions of two records above which the pair is doubtful, and above which it counts as the
+# same record. If a fifth is shared, intervals are a tenth too narrow.
 DOUBTED, MOST_SHARED = 0.2, 0.5
 FORCES = ("restoring_force", "force")
 
 
 class ResponseOrigin(NamedTuple):
-    """The origin of the response of a record, and the part of the record that a test uses."""
+    """The origin of a record's response, and the part of the record that a test uses."""
 
     test: str
     record: str
@@ -40,11 +40,10 @@ class ResponseOrigin(NamedTuple):
 
 
 def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
-    """Return the origin of a record: digest of its samples, file, channel, span and band."""
+    """Return the origin of a record's response: hash of samples, file, channel, span and band."""
     is_curve, role = test.traits.is_curve, record.response
-    if (
-        test.traits.is_prescribed
-    ):  # because two tests may prescribe the same displacement, sample by sample
+    # Two tests may prescribe the same displacement, sample by sample.
+    if test.traits.is_prescribed:
         role = next((name for name in FORCES if name in record.channels), role)
     roles = sorted(record.channels) if is_curve else [role]
     samples = [np.ascontiguousarray(record.channels[name]) for name in roles]
@@ -111,11 +110,11 @@ def _repetitions(sources: Sequence[ResponseOrigin]) -> Iterator[Repetition]:
 
 
 def _remedy(repetitions: Sequence[Repetition], of_test: Sequence[ResponseOrigin]) -> str:
-    """Return the remedy for repeated samples of a test: use another part, or leave records out."""
+    """Return the remedy for a test's repeated samples: use another part, or leave records out."""
     by_file = Counter(source.leaving_out for source in of_test)
     if any(is_by_file(x.source.leaving_out) and by_file[x.source.leaving_out] > 1
            for x in repetitions):  # fmt: skip
-        # Both records come from files of one name, which `exclude` cannot separate.
+        # Both records are in files of the same name, which `exclude` cannot distinguish.
         return messages.FILES_ONCE
     return of_all([_of_one(repetition) for repetition in repetitions], len(of_test))
 

@@ -1,4 +1,4 @@
-"""The files of a test, inside the campaign's folder, and its repeats as records."""
+"""The files of a test, in the campaign's folder, and its repeats as records."""
 
 import fnmatch
 import os
@@ -75,7 +75,7 @@ def repeats_of(
 
 
 def _on_grid(record: Record, fs: float) -> Record:
-    """Return a record with the sampling rate of another one, if the rates differ only by rounding.
+    """Give a record the sampling rate of another one, if the rates differ only by rounding.
 
     Printed times with different origins have mean rates that differ in the last digit.
     """
@@ -84,7 +84,7 @@ def _on_grid(record: Record, fs: float) -> Record:
 
 
 def _as_stated(record: Record, test: TestSpec) -> Record:
-    """Return a record with its stated drive and clock; by default a decay starts at its impact."""
+    """Apply a record's stated drive and clock; by default a decay starts at its impact."""
     record = on_one_clock(replace(record, drive=test.drive or ""), test.clock_ppm)
     if BASE in record.channels:
         return beside_base(record, is_relative=test.relative_to_base)
@@ -93,7 +93,7 @@ def _as_stated(record: Record, test: TestSpec) -> Record:
 
 
 def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[Part]]:
-    """Return the files of each repeat; a repeat has several files if its channels are separate."""
+    """Return the files of each repeat; there are several if its channels are in several files."""
     selection = Wanted(**{field.name: getattr(test, field.name) for field in fields(Wanted)})
     if not isinstance(test.files, Mapping):
         files = found_files(test.files, folder, allow_outside)
@@ -131,7 +131,7 @@ def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = Fal
                 remedy="Download the file first and name it here.",
             )
         pattern = _with_data_folder(written)
-        # Check the pattern before any access, so that nothing outside the folder is touched.
+        # The pattern is checked before any access, so that nothing outside the folder is touched.
         _stay_inside(folder / pattern, pattern, folder, allow_outside)
         for file in _matching(pattern, folder):
             _stay_inside(file, pattern, folder, allow_outside)
@@ -150,7 +150,7 @@ def _stay_inside(path: Path, pattern: str, folder: Path, allow_outside: bool) ->
 
 
 def _with_data_folder(pattern: str) -> str:
-    """Return the pattern with $JBW_DATA replaced by the data folder of this machine."""
+    """Return the pattern with $JBW_DATA replaced by this machine's data folder."""
     if not pattern.startswith(DATA_FOLDER):
         return pattern
     folder = os.environ.get(DATA_FOLDER[1:])

@@ -6,11 +6,11 @@ from typing import Any
 from jbw.measurement.records import BASE, Test, drive_of
 from jbw.quantities import FED
 
-Gain = float | Mapping[str, float] | None  # one value for all tests, or a value for each drive
+Gain = float | Mapping[str, float] | None  # one value for all tests, or one for each drive
 WEIGHTLESS = {*FED, BASE}  # sources whose gain does not follow from a modal mass
 
 
-def force_per_unit(campaign: Any) -> Gain:  # Campaign as checked, or with its records
+def force_per_unit(campaign: Any) -> Gain:  # a campaign as checked, or with its records
     """Return the force per modal mass for one unit of input [1/kg or N/kg/V]; None if unknown.
 
     If a measured force drives some tests and a shaker's voltage or current others, the gains are
@@ -35,5 +35,5 @@ def gain_of(gain: Gain, drive: str) -> float | None:
 
 
 def differ(drives: Collection[str]) -> bool:
-    """Return whether force drives some tests, and the voltage or current of a shaker others."""
+    """Return whether force drives some tests, and a shaker's voltage or current others."""
     return "force" in drives and not FED.keys().isdisjoint(drives)

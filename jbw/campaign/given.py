@@ -61,8 +61,7 @@ def _of_folder(folder: Path, tell: Tell, mass: float | None) -> Path:
     if (campaign := campaign_in(folder)) is not None:
         return _there(campaign, mass)
     if any(folder.glob("*.toml")) or not measurement_files(folder):
-        # The error asks the user to name one of several files, or names the command that drafts a
-        # file.
+        # The error asks the user to name one of several files, or names the command for a draft.
         require_file(folder, *CAMPAIGN)
     return _written(start_campaign(folder, mass=mass), folder / NAMED, tell)
 

@@ -38,8 +38,8 @@ from jbw.report.messages import campaign_faults as messages
 
 STRUCTURE = "[structure]"
 MATRICES = "matrices"
-# A joint whose motion is smaller than this share of the largest motion adds at most a millionth to
-# B.
+# A joint whose motion is below this fraction of the largest motion contributes at most a millionth
+# to B.
 _UNMOVED = 1e-2
 
 
@@ -133,10 +133,10 @@ def _files(
 
 
 class _Modes(NamedTuple):
-    """Modes of a structure, and the motion of its joints in these modes if it is known."""
+    """Modes of a structure, and the joints' motion in these modes if it is known."""
 
     frequencies_hz: np.ndarray
-    # a reduced model or a matrix of motions, as `joint_separability` accepts them
+    # a reduced model, or a matrix of motions, as `joint_separability` accepts them
     motion: ReducedModel | np.ndarray | None = None
     shares: np.ndarray | None = None
     notes: tuple[str, ...] = ()
@@ -176,7 +176,7 @@ def check_joints(
 def _separability(
     modes: _Modes, swept: Sequence[int], joints: Sequence[JointTable]
 ) -> tuple[JointSeparability | None, list[Fault]]:
-    """Return the matrix B of the swept modes that move a joint, and its findings."""
+    """Return the separability matrix B of the swept modes that move a joint, and its findings."""
     if modes.motion is None:
         return None, []
     moving = moving_modes(modes.motion)
@@ -208,7 +208,7 @@ def _modes_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Modes:
 
 
 def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Return the names of the joints, with one combined name for joints that share a law."""
+    """Return the joints' names, with one combined name for joints that share a law."""
     groups = groups_of(joints)
     return tuple(
         " = ".join(table.name for table, g in zip(joints, groups, strict=True) if g == group)
@@ -217,7 +217,7 @@ def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:
 
 
 def _swept(spec: CampaignSpec, frequencies_hz: np.ndarray) -> tuple[int, ...]:
-    """Return the elastic modes in the bands of the tests; all elastic modes without a band."""
+    """Return the elastic modes in the tests' bands; all elastic modes if no test has a band."""
     bands = [test.band for test in spec.tests if test.band]
     elastic = [i for i, hz in enumerate(frequencies_hz) if hz > 0]
     if not bands:
@@ -267,7 +267,7 @@ def _reason(pair: InseparablePair, separability: JointSeparability) -> str:
 
 
 def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
-    """Yield a warning for each joint that no swept mode moves: the data do not constrain it."""
+    """Yield a warning for each joint that no swept mode moves, so that data do not constrain it."""
     reach = (motion / motion.max(axis=0)).max(axis=1)
     for name, largest in zip(names, reach, strict=True):
         if largest < _UNMOVED:
@@ -363,7 +363,7 @@ def starts_of(
     readings: Float[np.ndarray, " mode"],
     std: Float[np.ndarray, " mode"],
 ) -> Starts:
-    """Return starting values of every law from the fit of single modes.
+    """Return starting values of every law from fits of single modes.
 
     Args:
         joints: Joints and their laws, one law per joint.

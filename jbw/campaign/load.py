@@ -25,7 +25,7 @@ from jbw.measurement.records import BASE, Record, Test
 from jbw.memory import NO_RECORDS, HeldRecords, require_memory
 from jbw.quantities import DEFAULT_LAWS
 
-# Keys of a [[test]] table that have the same name in `Test`.
+# keys of a [[test]] table that have the same name in `Test`
 SAME = (
     "name",
     "level",
@@ -73,13 +73,13 @@ class Campaign:
     settings: Identify = field(default_factory=Identify)
     path: Path = Path()  # path of the campaign file
     laws: tuple[str, ...] = DEFAULT_LAWS  # laws that act in parallel across the joint
-    # Torque and further facts on the assembly, if stated.
+    # torque and other facts about the assembly, if stated
     assembly: Assembly = field(default_factory=Assembly)
-    # Modes that move the joint; None for one mode. A mapping of its keys is also accepted.
+    # modes that move the joint; None for one mode; a mapping of its keys is also accepted
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
     joints: SeveralJoints | None = None  # joints, if the structure has several; None for one joint
-    states_laws: bool = True  # if False, measured frequency and damping may suggest further laws
+    states_laws: bool = True  # if False, measured frequency and damping may suggest other laws
 
     def __repr__(self) -> str:
         lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]
@@ -105,7 +105,7 @@ class Campaign:
 
 
 def _line(test: Test) -> str:
-    """Return a description of a test in one line: name, kind, number of records, level."""
+    """Return a one-line description of a test: name, kind, number of records, level."""
     level = "" if isnan(test.level) else f", level {test.level:g}"
     return f"{test.name}: {test.kind}, {len(test.records)} records{level}"
 
@@ -173,7 +173,7 @@ def with_laws(campaign: Campaign, laws: Sequence[str] | None) -> Campaign:
 def load_with_doubts(
     path: Path, *, allow_outside: bool = False
 ) -> tuple[Campaign, list[warnings.WarningMessage]]:
-    """Load a campaign; return it with warnings on doubtful records, instead of issuing them."""
+    """Load a campaign; return it with the warnings on doubtful records, instead of issuing them."""
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
         campaign = load_campaign(path, allow_outside=allow_outside)
@@ -190,7 +190,7 @@ def load_test(
     allow_outside: bool = False,
     held: HeldRecords = NO_RECORDS,
 ) -> Test:
-    """Load the records of a test; raise an error or issue warnings if they are faulty.
+    """Load the records of a test; raise an error or issue warnings if they have faults.
 
     Args:
         test: Table of the test.
@@ -233,7 +233,7 @@ def load_test(
 
 
 def _followed(test: TestSpec, spec: CampaignSpec, joints: SeveralJoints | None) -> int:
-    """Return how many modes and joints a fit simulates at every sample of a test."""
+    """Return the number of modes and joints that a fit simulates at every sample of a test."""
     if not kind_named(test.kind).is_transient:
         return 0
     if joints is not None:

@@ -13,7 +13,7 @@ from jbw.measurement.records import BASE, INPUTS, QUANTITIES, RESPONSES, ROLES, 
 from jbw.units import TORSION, is_voltage, plain, quantity_of, si_unit
 
 Leaves = Mapping[str, Leaf]
-# Pattern of a channel's name, and the quantity that such a name indicates; most specific first.
+# patterns of channel names, and the quantity that each indicates; most specific first
 HINTS = (
     (r"^t(?:_(?:s|sec|ms|us))?$|time(?!r)|zeit", "time"),
     (r"restoring|friction", "restoring_force"),
@@ -29,9 +29,9 @@ HINTS = (
     (r"force|load|^f$|torque|moment|kraft|hammer", "force"),
     (r"input|shaker|volt|drive|source|(?<!s)amp|^u$|^v1$", "input"),
 )
-# Units of the time of day: such columns are no clock of a record, and `m` means minutes.
+# Units of the time of day: such columns are not a record's clock, and `m` means minutes in them.
 OF_THE_DAY = r"\b(?:minutes?|hours?|seconds?|days?|minuten?|stunden?|sekunden?)\b"
-# Words in names of time columns that are not a date.
+# words in names of time columns that are not a date
 ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"
 AXES = re.compile(r"(?:^|(?<=[\W_\d])|(?<=[a-z](?=[XYZ])))[xyzXYZ](?![^\W_])")
 AXES_IN_SPACE = 3
@@ -53,19 +53,19 @@ class Channel(NamedTuple):
 
     path: str
     unit: str  # unit that the file or the channel's name states
-    default: str  # SI unit of the quantity, if no unit is stated
+    default: str  # SI unit of the quantity, used if no unit is stated
     guessed: bool = False  # whether only the unit suggests the quantity
     axes: tuple[str, ...] = ()  # the channels of all axes, if there are several
-    sensitivity: str = ""  # example of a sensitivity, if the channel is the voltage of a sensor
+    sensitivity: str = ""  # example of a sensitivity, if the channel is a sensor's voltage
 
 
 def last_name(path: str) -> str:
-    """Return the last name of a path in lower case, without brackets."""
+    """Return the last part of a path in lower case, without brackets."""
     return re.split(r"[./]", re.sub(r"\[[^\]]*\]", "", path))[-1].lower()
 
 
 def channels_by_role(series: Leaves) -> dict[str, Channel]:
-    """Return the channel of each measured quantity, from names, labels and units."""
+    """Return the channel of each measured quantity, determined from names, labels and units."""
     named: dict[str, list[Channel]] = {}
     rest: list[tuple[str, Leaf]] = []
     # Channels named x, y and z are axes of a quantity that the file does not state.
@@ -88,7 +88,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         # If there are several voltages, none of them can be identified as the source.
         is_new = role not in named or named[role][0].path in by_unit
         if role and is_new and not (role == "input" and len(others) > 1):
-            # A voltage may stem from any sensor, whereas other units show the measured quantity.
+            # A voltage may come from any sensor, whereas other units show the measured quantity.
             named.setdefault(role, []).append(Channel(path, leaf.unit, "", role == "input"))
             by_unit.add(path)
     roles = {
@@ -96,9 +96,9 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         for role, many in named.items()
     }
     if BASE in roles and roles.keys().isdisjoint(RESPONSES):
-        roles["acceleration"] = roles.pop(BASE)  # The only acceleration is the response.
+        roles["acceleration"] = roles.pop(BASE)  # the only acceleration is the response
     elif not roles.keys().isdisjoint(INPUTS):
-        roles.pop(BASE, None)  # The structure is moved by a force, not by its base.
+        roles.pop(BASE, None)  # the structure is moved by a force, not by its base
     roles = _of_a_curve(roles, series)
     if (phase := roles.get("phase")) is not None and not phase.unit:
         turned = _in_degrees(series[phase.path])
@@ -107,7 +107,7 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         roles = _of_amplitudes(roles)
     unanswered = roles.keys().isdisjoint(RESPONSES)
     if unanswered and {"frequency", "phase", "force", "input"} <= set(roles):
-        # If the file has a force and a phase, an amplitude is that of the response.
+        # With a force and a phase in the file, an amplitude is that of the response.
         amplitude = roles.pop("input")
         role = next((r for r in RESPONSES if _fits(r, amplitude.unit)), "acceleration")
         roles[role] = amplitude._replace(default=si_unit(role))
@@ -146,7 +146,7 @@ def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
 
 def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
     """Return the quantity that a name or label indicates, with its channel; None if unknown."""
-    if plain(text) in ("ms", "us", "ns"):  # The name of a column may be only its unit.
+    if plain(text) in ("ms", "us", "ns"):  # The name of a column may consist of its unit only.
         return "time", Channel(path, plain(text), "s")
     by_name = [text] if text in ROLES else []
     by_name += [role for pattern, role in HINTS if re.search(pattern, text)]
@@ -191,7 +191,7 @@ def _by_unit(leaf: Leaf) -> str:
 
 
 def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
-    """Return the likely channel of several for one quantity: the first, or a much stronger one."""
+    """Choose one of several channels for a quantity: the first, or one that is much stronger."""
     exact = [channel for channel in channels if last_name(channel.path) in ROLES]
     channels = exact or channels
     if len(channels) == 1:
@@ -236,7 +236,7 @@ def strength(leaf: Leaf) -> float:
 
 
 def _in_degrees(leaf: Leaf) -> bool:
-    """Return whether phases exceed one turn in radians, so that their unit must be degrees."""
+    """Return whether phases are too large for radians, so that their unit must be degrees."""
     samples = np.abs(load(leaf)) if leaf.shape and leaf.shape[0] <= MOST_SAMPLES else np.zeros(1)
     return float(np.nanmax(samples)) > MOST_RADIANS
 

@@ -1,4 +1,4 @@
-"""The campaign file as typed tables, validated with all errors reported at once."""
+"""The campaign file as typed tables; its validation reports all errors at once."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -55,7 +55,7 @@ class CampaignFile(FileTable):
     structure: Structured | AssembledStructure | None = key(
         None, "several modes that share the joint, or matrices of a model with joints"
     )
-    test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table a test")
+    test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table per test")
     identify: Identify = key(Identify, "tests to fit and to hold out, and how to sample")
 
 
@@ -72,18 +72,18 @@ class CampaignSpec:
     assembly: Assembly = field(default_factory=Assembly)
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
-    assembled: AssembledStructure | None = None  # if the structure is given by matrices
+    assembled: AssembledStructure | None = None  # set if the structure is given by matrices
     joints: tuple[JointTable, ...] = ()  # [[joint]] tables of the structure, if any
     states_laws: bool = True  # whether laws are stated, by name or by a prior on a parameter
 
 
 def read_spec(path: Path) -> CampaignSpec:
-    """Return a validated campaign file; raise a ConfigError that lists all of its errors."""
+    """Read and validate a campaign file; raise a ConfigError that lists all of its errors."""
     return parse(text_of(path, *CAMPAIGN), path.name)
 
 
 def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
-    """Validate the text of a campaign file and report all errors; `name` is for messages."""
+    """Validate the text of a campaign file and report all errors; `file` is its name in them."""
     document = document_of(source, file)
     errors = unknown_tables(document, CampaignFile.model_fields)
     head = checked(Head, document.get("campaign", {}), "[campaign]", errors) or Head()
@@ -110,7 +110,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
         errors += structure_errors(structure, tests, () if assembled is None else assembled.points)
         roles = {role for test in tests for role in test.channels}
         errors += [campaign_faults.no_role(role) for role in head.gain_std if role not in roles]
-    # Stated laws are complete, so that a prior on any other law's parameter is refused.
+    # Stated laws are complete, so that a prior on any other law's parameter is an error.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
     num_modes = 1 if structure is None else len(structure.modes)
@@ -152,7 +152,7 @@ def _joints(tables: Any, errors: list[str]) -> list[JointTable]:
 def _structures(
     table: Any, errors: list[str]
 ) -> tuple[Structured | None, AssembledStructure | None]:
-    """Return the [structure] table as stated modes and as matrices; one of the two is None."""
+    """Return the [structure] table as stated modes or as matrices; the other of the two is None."""
     if table is None:
         return None, None
     if isinstance(table, Mapping) and "matrices" in table:

@@ -30,7 +30,7 @@ from jbw.quantities import (
 LIMIT = 0.05  # largest relative error of held-out tests with which a law counts as predictive
 MOST_MODES = 1 + len(MODES)  # largest number of modes that a structure may have
 MOST_POINTS = len(POINTS)  # largest number of response points in addition to the first
-SPRING = "cubic"  # law that is added if only a prior on its parameter is stated
+SPRING = "cubic"  # This law is added if only a prior on its parameter is stated.
 
 Prior = Mapping[str, tuple[float, float]]
 Sampler = Annotated[str, values.OneOf(lambda: ("auto", *SAMPLERS))]
@@ -75,14 +75,14 @@ class Identify(FileTable):
     predictive: Annotated[float, Field(gt=0, le=0.25), BeforeValidator(values.number)] = key(
         LIMIT,
         (
-            "largest error of held-out tests, over their rms, for which a law counts as "
+            "largest error of held-out tests, relative to their rms, with which a law counts as "
             "predictive; 0.05 by default"
         ),
         0.03,
     )
     final: StrictBool = key(
         False,
-        "after the held-out tests have shown the error of the law, fit all tests; takes the "
+        "fit all tests after the held-out tests have shown the error of the law; this takes the "
         "time of both fits, and the verdict keeps the result for the held-out tests",
         True,
     )
@@ -98,8 +98,9 @@ class Identify(FileTable):
     )
     offsets: Literal["auto", "runs", "none"] = key(
         "auto",
-        "whether each run has its own omega_n and zeta; auto: if the data show it; levels of "
-        "one assembly share zeta, unless it varies between repeats of one level",
+        "whether each run has its own omega_n and zeta; auto: only if the data show "
+        "that runs differ; levels of one assembly share zeta, unless it varies between repeats of "
+        "one level",
         "auto",
     )
     run_scatter: values.Positive | None = key(
@@ -133,8 +134,8 @@ class Identify(FileTable):
     profiles: StrictBool = key(
         False, "compute the profile likelihood of every parameter, by some hundred fits", True
     )
-    num_chains: values.Count = key(4, "chains", 4)
-    num_samples: values.Count | None = key(None, "draws kept a chain", 1000)
+    num_chains: values.Count = key(4, "number of chains", 4)
+    num_samples: values.Count | None = key(None, "number of draws per chain", 1000)
     num_warmup: values.Index | None = key(None, "warm-up draws per chain", 500)
     budget_s: values.Positive = key(
         900.0,
@@ -142,12 +143,12 @@ class Identify(FileTable):
         "num_samples that many draws are made, sufficient or not",
         600.0,
     )
-    seed: values.Index = key(0, "of the random numbers", 0)
+    seed: values.Index = key(0, "seed of the random numbers", 0)
     modes: values.Modes = key(
         (),
         "modes in the band: their frequencies [Hz], first the joint's mode, then its linear "
         "neighbours; or the number of modes that Step 2 finds in the noise or multisine test, "
-        "where the joint's mode has the highest peak; by default one mode, by a line fit",
+        "where the joint's mode has the highest peak; by default one mode is fitted",
         [18.8, 21.4],
     )
     prior: Mapping[str, values.Prior] = key(
@@ -159,7 +160,7 @@ class Identify(FileTable):
 
     @classmethod
     def of(cls, stated: "Identify | Mapping[str, Any]") -> "Identify":
-        """Return [identify] settings, whether given as a record or as a mapping of keys.
+        """Return [identify] settings, given as a record or as a mapping of keys.
 
         Raises:
             ConfigError: The [identify] table does not accept a key or value.
@@ -185,8 +186,8 @@ class Structured(FileTable):
 
     modes: values.Frequencies = key(
         ...,
-        "natural frequencies [Hz] of the modes that share the joint, first the mode whose "
-        "laws are given",
+        "natural frequencies [Hz] of the modes that share the joint, beginning with the "
+        "mode in whose motion the laws are expressed",
         [18.8, 57.2],
     )
     driving_point: StrictBool = key(
@@ -194,8 +195,8 @@ class Structured(FileTable):
     )
     joint_shape: values.Shapes = key(
         (),
-        "motion of the joint over that of the response in every mode, as measured across the "
-        "joint; a common factor does not matter",
+        "motion of the joint in every mode, divided by that of the response, as measured across "
+        "the joint; a common factor does not matter",
         [1.0, -0.8],
     )
 
@@ -379,7 +380,7 @@ def _too_stiff(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str
     shares = {
         name: highest
         for name, (_, highest) in prior.items()
-        # With several joints, each joint has a stiffness.
+        # With several joints, each joint has its own stiffness.
         if quantities[name].is_share and AT not in name
     }
     stiff = [(name, highest) for name, highest in shares.items() if highest >= least]

@@ -13,7 +13,7 @@ from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, SOURCES, si_of
 from jbw.quantities import FED
 
-# largest relative error of a clock [ppm]; a larger error would be another sampling rate
+# largest relative error of a clock [ppm]; a larger error would mean another sampling rate
 MOST_PPM = 1e4
 NAN = float("nan")  # default of a number that is not stated
 
@@ -22,7 +22,7 @@ class Instruments(NamedTuple):
     """Relative standard deviations of clock and calibration, as far as they are stated."""
 
     fs_std: float = 0.0
-    # Standard deviation of each channel's calibration, by role.
+    # standard deviation of each channel's calibration, by role
     gain_std: Mapping[str, float] = MappingProxyType({})
 
     @property
@@ -66,7 +66,7 @@ class Head(FileTable):
 
 
 class Assembly(FileTable):
-    """The [assembly] table: torque and other facts on the assembly, used to compare assemblies."""
+    """The [assembly] table: torque and other facts for comparisons between assemblies."""
 
     name: values.Text = key("", "name of the specimen or assembly", "beam 3")
     torque: values.Positive | None = key(None, "tightening torque [N m]", 8.0)
@@ -95,7 +95,7 @@ class TestSpec(FileTable):
         "in MATLAB, [:] takes all, and 'a - b' is a difference",
     )
     units: values.Units = key(dict, "role = unit")
-    scale: values.Factors = key(dict, "role = calibration factor, before the unit")
+    scale: values.Factors = key(dict, "role = calibration factor, applied before the unit")
     sensitivity: values.Sensitivities = key(
         dict,
         "role = volts per unit of the sensor, for a channel that its file states in volts; "
@@ -154,7 +154,7 @@ class TestSpec(FileTable):
         80.0,
     )
     assembly: values.Text = key("", "name of the assembly of the joint", "first")
-    run: values.Text = key("", "which day or run", "monday")
+    run: values.Text = key("", "name of the day or run", "monday")
     repeats: Literal["files", "rows"] = key("files", "one repeat per file, or one per row")
     exclude: values.Excluded = key(
         (), "repeats to drop: numbers counted from zero, or file names", [2, "bad_*.h5"]
@@ -234,12 +234,12 @@ class TestSpec(FileTable):
 
     @property
     def is_timed(self) -> bool:
-        """Whether the samples need times; a law that is independent of rate needs none."""
+        """Whether the samples need times; force loops need none, since laws ignore the rate."""
         return not self.traits.is_prescribed
 
     @property
     def driven_by(self) -> str:
-        """The drive that the campaign file states, in the terms of `drive_of`."""
+        """The drive that the campaign file states, in the words of `drive_of`."""
         if self.drive or self.traits.is_prescribed:
             return self.drive or ""
         if self.traits.is_free:
@@ -301,7 +301,7 @@ def _needs(test: TestSpec) -> Iterator[str]:
         yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
     if traits.is_stepped and not test.dwell > 0:
         yield "dwell: missing; kind `stepped` needs the duration of each step [s]."
-    if test.settle >= test.dwell:  # If dwell is not given, it is NaN and the comparison is False.
+    if test.settle >= test.dwell:  # An unstated `dwell` is NaN, so that the comparison is False.
         yield f"settle: must be shorter than dwell ({test.dwell:g} s), but is {test.settle:g}."
 
 
@@ -336,7 +336,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if test.load_cell != "exact" and not test.traits.is_prescribed:
         yield f"load_cell: for kind {prescribed} only, where the force is measured."
     # A transform spreads one bad sample over all frequencies, and a simulation needs the whole
-    # input; therefore only a curve may omit points.
+    # input; only a curve may therefore omit points.
     if not is_curve and test.gaps == "mask":
         yield (
             f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "

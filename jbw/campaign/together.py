@@ -12,7 +12,7 @@ from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record
 from jbw.report.messages import campaign_faults as messages
 
-# ratio of two levels, and of two records, from which imprecise control is no explanation
+# Levels or records whose ratio exceeds this differ by more than imprecise control explains.
 APART = 1.5
 
 
@@ -43,14 +43,14 @@ def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
 
 
 def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
-    """Yield an error if tests belong to several assemblies but [assembly] describes only one."""
+    """Yield an error if tests belong to several assemblies, but [assembly] describes only one."""
     names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
     if len(names) > 1 and list(assembly.keys()):
         yield messages.several_assemblies(len(names), sorted(map(str, names)))
 
 
 def on_a_base(tests: Sequence[TestSpec]) -> Iterator[str]:
-    """Yield an error if a moving base drives some tests and other sources others."""
+    """Yield an error if a moving base drives some tests, and other sources drive others."""
     drives = sorted({test.driven_by for test in tests if test.traits.is_driven} - {""})
     if BASE in drives and len(drives) > 1:
         others = ", ".join(drive for drive in drives if drive != BASE)
@@ -88,7 +88,7 @@ class Level(NamedTuple):
 
 
 def level_of(record: Record, test: TestSpec) -> list[Level]:
-    """Return the level of a driven test, with rms values of its first record, if it is stated."""
+    """Return the level of a driven test and rms values of its first record; empty if not stated."""
     driven = any(role in record.channels for role in INPUTS)
     if not (test.level > 0 and driven):
         return []
@@ -102,7 +102,7 @@ def level_of(record: Record, test: TestSpec) -> list[Level]:
 
 
 def against_levels(levels: Sequence[Level]) -> Iterator[tuple[str, Fault]]:
-    """Yield a doubt if a test has a larger level than another, but smaller drive and response."""
+    """Yield a warning if a test has a larger level than another, but smaller drive and response."""
     for first, second in combinations(levels, 2):
         low, high = sorted((first, second), key=lambda level: level.level)
         apart = high.level > APART * low.level and low.alike == high.alike

@@ -25,12 +25,13 @@ from jbw.measurement.spans import start_of
 from jbw.measurement.steady_lines import without_lines
 from jbw.report.messages import remedies
 
-LINE = re.compile(r"`((\w+) = [^`]+)`")
+LINE = re.compile(r"`((\w+) = [^`]+)`(?: and `([^`]+)`)?")
 # Keys that only affect the examination and leave the samples unchanged.
-STATED = {"settle", "band", "delay", "load_cell"}
+STATED = {"settle", "band", "delay", "load_cell", "periods"}
 OR = ", or "  # text that separates the alternatives of a remedy
-# Largest relative difference of two modes' damping, or difference of their frequencies / half-power
-# width. Correct remedies of simulated faults give less than 0.13, wrong remedies 0.18 or more.
+# Two modes are equal if their relative difference in damping, and their difference in frequency
+# divided by the half-power width, are below this. Correct remedies of simulated faults give less
+# than 0.13, wrong remedies 0.18 or more.
 ALIKE = 0.15
 
 Look = Callable[[Record, TestSpec], Sequence[Fault]]
@@ -49,7 +50,7 @@ def tried(
     """Return the findings on a record, with only those remedies that were shown to work.
 
     Args:
-        faults: Faults that the record itself shows.
+        faults: Faults whose remedies are tried.
         stated: Other faults that `look` finds in the record.
         record: The record.
         test: Table of its test.
@@ -83,19 +84,20 @@ def _cures(
     *,
     further: bool = True,
 ) -> bool:
-    """Return whether a remedy's first line removes a finding without causing another one.
+    """Return whether the first line of a remedy removes a finding without causing another one.
 
     With `further`, a new fault is accepted if its own line cures it.
     """
     line = LINE.search(fault.remedy)
     if line is None or (line[2] not in STATED and line[2] not in CHANGES):
         return line is not None
-    value = tomllib.loads(line[1])[line[2]]
+    values = tomllib.loads("\n".join(filter(None, line.group(1, 3))))
     try:
-        if line[2] in STATED:
-            test = test.model_copy(update={line[2]: tuple(value) if line[2] == "band" else value})
-        else:
-            record = CHANGES[line[2]](record, value)
+        for key, value in values.items():
+            if key in STATED:
+                test = test.model_copy(update={key: tuple(value) if key == "band" else value})
+            else:
+                record = CHANGES[key](record, value)
         left = look(record, test)
         if fault.leaves is not None and not _leaves(read(record, test), line[2], fault.leaves):
             return False
@@ -160,7 +162,7 @@ def _scaled(record: Record, factors: Mapping[str, float]) -> Record:
     return replace(record, channels=channels)
 
 
-# Change that each key of a campaign file causes in a record that was read without the key.
+# the change of a record that each key of a campaign file causes
 CHANGES: Mapping[str, Change] = {
     "span": _cut,
     "window_s": _without_window,

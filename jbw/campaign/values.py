@@ -26,7 +26,7 @@ from jbw.measurement.records import ROLES, SENSITIVITIES, sensitivity_of, si_of
 from jbw.report.messages.campaign_faults import decimal_points
 
 ALL = "all"  # word that means all repeats
-# Escapes such as \t to which TOML converts parts of a Windows path, and the original text.
+# escapes such as \t to which TOML converts parts of a Windows path, and the original text
 ESCAPES = {"\a": "/a", "\b": "/b", "\t": "/t", "\n": "/n", "\f": "/f", "\r": "/r", "\x1b": "/e"}
 Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 
@@ -36,7 +36,7 @@ class OneOf:
     """A type for names in a register, which may grow after import."""
 
     known: Callable[[], Iterable[str]]  # a function, because more names may be registered later
-    otherwise: str = ""  # an additional sentence for the error on an unknown name
+    otherwise: str = ""  # an additional sentence for the error about an unknown name
 
     def check(self, value: Any) -> str:
         """Return the name if it is registered; raise a ValueError otherwise."""
@@ -63,12 +63,12 @@ def text(value: Any) -> str:
 
 
 def number(value: Any) -> int | float:
-    """Return the value if it is a finite number; true and false are refused."""
+    """Return the value if it is a finite number; true and false are rejected."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise ValueError(f"must be a number, but is {value!r}.")
     try:
         finite = isfinite(value)
-    except OverflowError:  # The text is an integer of hundreds of digits.
+    except OverflowError:  # The value is an integer with hundreds of digits.
         finite = False
     if not finite:
         raise ValueError(f"must be finite, but is {value}.")
@@ -160,7 +160,7 @@ def modes(value: Any) -> tuple[Any, ...] | int:
 
 
 def lag(value: Any) -> float:
-    """Return a phase if it lies between -180 and 0 degrees, as that of a driven response."""
+    """Return a phase if it lies between -180 and 0 degrees, as a driven response requires."""
     if not -180 < number(value) < 0:
         raise ValueError(
             f"must lie between -180 and 0, -90 at phase resonance, but is {value!r}; the "
@@ -188,7 +188,7 @@ def _excluded(value: Any) -> tuple[int | str, ...]:
 
 
 def _by_role(check: Callable[[str, Any], Any], example: Any) -> Callable[[Any], dict[str, Any]]:
-    """Return a function that checks a table of one value per quantity, and reports all errors."""
+    """Return a function that checks a table of one value per quantity and reports all errors."""
 
     def check_all(value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or not value:
@@ -231,7 +231,7 @@ def _path(role: str, item: Any) -> str:
 def _unit(role: str, item: Any) -> str:
     if not isinstance(item, str):
         raise ValueError(f"role `{role}` needs a unit, but has {item!r}.")
-    si_of(role, item)  # also for a measured FRF, per unit of excitation
+    si_of(role, item)  # also for a measured FRF, whose response is per unit of excitation
     return item
 
 

@@ -1,4 +1,4 @@
-"""Checks that a file written by a user exists and can be read; they import no JAX."""
+"""Checks that a file written by a user exists and can be read; they do not import JAX."""
 
 import shlex
 from pathlib import Path

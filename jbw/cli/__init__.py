@@ -55,7 +55,8 @@ UNWRITABLE = tuple(
     for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM")
     if hasattr(errno, name)  # not defined on every system
 )
-EXHAUSTED = "RESOURCE_EXHAUSTED"  # word in XLA's errors on memory, which have a class of their own
+# word in XLA's out-of-memory errors, which have a separate error type
+EXHAUSTED = "RESOURCE_EXHAUSTED"
 OF_CAMPAIGNS = ("identify", "look", "identifiability", "compare", "laws", "predict")
 OF_RUNS = ("report", "predict", "export", "compare", "plan", "resume")
 
@@ -64,11 +65,11 @@ class LazyGroup(click.Group):
     """A group that imports a command's module only when the command is called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names of the commands in the usual order of work."""
+        """Return the names of all commands in the usual order of work."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return the command, and import its module if necessary."""
+        """Return the command with a given name; its module is imported now."""
         if cmd_name not in COMMANDS:
             return None
         return getattr(import_module(f"jbw.cli.{COMMANDS[cmd_name]}"), cmd_name)
@@ -76,14 +77,14 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the named command; fail with the most similar name if it is misspelt."""
+        """Return the named command; a misspelt name ends in an error with the nearest name."""
         if args[0] not in COMMANDS and not args[0].startswith("-"):
             nearest = get_close_matches(args[0], COMMANDS, n=1)
             ctx.fail(messages.no_command(args[0], nearest[0] if nearest else ""))
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the help of the basic commands by purpose, without importing any command."""
+        """Write the help lines of the basic commands, grouped by purpose, without imports."""
         write_commands(formatter, FIRST)
         formatter.write_paragraph()
         formatter.write_text(messages.MORE)
@@ -104,9 +105,9 @@ def cli() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run a command from the console and exit with its code, never with a bare traceback."""
+    """Run a command from the console and exit with its exit code, never with a bare traceback."""
     for stream in (sys.stdout, sys.stderr):
-        # A pipe may not be able to encode the characters of a file's name.
+        # The console may not be able to encode the characters of a file's name.
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
     sys.exit(run(arguments))
@@ -128,7 +129,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except JbwError as error:
         _tell(error, sys.argv[1:] if arguments is None else arguments)
         return error.exit_code
-    except BrokenPipeError:  # The reader of stdout stopped reading, as `head` does.
+    except BrokenPipeError:  # The program that reads stdout has stopped reading, as `head` does.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except OSError as error:  # a disk or folder failed, wherever a file was written
@@ -141,7 +142,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         )
         _tell(unwritten, sys.argv[1:] if arguments is None else arguments)
         return unwritten.exit_code
-    except Exception as error:  # any other exception is an error of jbw itself
+    except Exception as error:  # Any other exception is an internal error of jbw.
         if not (isinstance(error, MemoryError) or EXHAUSTED in str(error)):
             return _internal(error)
         _tell(exhausted := out_of_memory(error), sys.argv[1:] if arguments is None else arguments)
@@ -150,7 +151,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _internal(error: Exception) -> int:
-    """Print the message on an internal error; return its exit code, or raise it if requested."""
+    """Print the message on an internal error; return its exit code, or raise it on request."""
     if os.environ.get("JBW_TRACEBACK"):
         raise error
     click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)
@@ -162,7 +163,7 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
     """Print an error on stderr, and as JSON on stdout if `--json` was given."""
     following = next_command(arguments, str(error))
     if following and isinstance(error, RunError):
-        # The disk is at fault, not the input: the same command works once there is room.
+        # The disk is at fault, not the input: the same command works once there is space.
         following = f"jbw {shlex.join(arguments)}, after the change"
     click.echo(f"Error: {error}", err=True)
     if following:
@@ -174,7 +175,7 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
 
 
 def next_command(arguments: Sequence[str], message: str) -> str | None:
-    """Return the command to type after an error; None if the message already names a command."""
+    """Return the command to type after an error; None if the message already names one."""
     if "jbw " in message or not arguments:
         return None
     command, rest = arguments[0], arguments[1:]

@@ -21,7 +21,7 @@ PACKAGE = Path(__file__).parents[1]
 
 
 def parameters() -> dict[str, str]:
-    """Return the meaning, symbol, unit and laws of every parameter of all laws, as text."""
+    """Return, for every parameter of all laws, its meaning, symbol, unit and laws as text."""
     from jbw.oscillator.laws import LAWS, vocabulary  # loads JAX
     from jbw.quantities import BY_NAME
 
@@ -43,7 +43,7 @@ def names_of_law(law: Any) -> set[str]:
 
 
 def explained(name: str) -> str | None:
-    """Return the meaning of a finding, word, table column or parameter; None if it is unknown."""
+    """Return the meaning of a finding, word, table column or parameter; None for other names."""
     plain = " ".join(name.split())
     for meanings in (explanations(), words()):
         for spelling in (plain, plain.lower(), plain.lower().partition(" [")[0]):
@@ -53,7 +53,7 @@ def explained(name: str) -> str | None:
 
 
 def at_joint(name: str) -> str | None:
-    """Return the meaning of one of several joints' parameters, as alpha@bolt_1; None if unknown."""
+    """Return the meaning of a parameter with a joint's name, such as alpha@bolt_1; else None."""
     from jbw.quantities import AT, motion_factors_in
 
     parameter, _, joint = name.partition(AT)
@@ -94,7 +94,7 @@ def explain(code: str | None, json_: bool) -> None:
 
 
 def in_one_line(page: str) -> str:
-    """Return the first statement of a finding's page: what the check examines."""
+    """Return the first sentence of a finding's page, which tells what the check examines."""
     sentence = re.match(r"(?:Check: )?(.+?)(?:[.;:]\s|[.;:]?$)", " ".join(page.split()))
     return "" if sentence is None else sentence[1]
 
@@ -147,7 +147,7 @@ def completion(shell: str) -> None:
 
 
 def first_page(package: Path) -> Path:
-    """Return the first page of the documentation, in the wheel or built in a clone.
+    """Return the path of the documentation's first page, installed or built in a clone.
 
     Raises:
         RunError: The documentation is in neither place.

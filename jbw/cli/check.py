@@ -1,4 +1,4 @@
-"""Commands before any run: `jbw init` drafts a campaign file, `jbw check` checks its channels."""
+"""Commands to use before a run: `jbw init` drafts a campaign file, `jbw check` examines it."""
 
 from collections.abc import Iterator, Sequence
 from operator import attrgetter
@@ -57,7 +57,7 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
 
 
 def require_unwritten(folder: Path, print_: bool) -> None:
-    """Raise an error, before any question is asked, if the campaign file exists."""
+    """Raise an error, before any question is asked, if the campaign file already exists."""
     from jbw.campaign.draft import already_written
     from jbw.campaign.written import NAMED
 
@@ -66,7 +66,7 @@ def require_unwritten(folder: Path, print_: bool) -> None:
 
 
 def asked_about(folder: Path) -> "Draft":
-    """Return the draft of a folder with the user's answers, and the lines that remain doubtful.
+    """Return the draft of a campaign file with the user's answers, and its lines still in doubt.
 
     Questions go to stderr, so that the output of --print and --json is unchanged.
     """
@@ -135,7 +135,7 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
 
 
 def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
-    """Return one sentence on the shaker of each test with a voltage, force and drive point."""
+    """Return a sentence on the shaker of each test that measured voltage, force and drive point."""
     from jbw.campaign.schema import read_spec
 
     tests = {test.name: test for test in read_spec(campaign).tests}
@@ -152,7 +152,7 @@ def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
 
 
 def _first_records(campaign: Path, allow_outside: bool) -> "Iterator[tuple[str, Record]]":
-    """Yield each test's name with its first readable repeat."""
+    """Yield each test's name and its first readable record."""
     from jbw.campaign.files import repeats_of
     from jbw.campaign.schema import read_spec
     from jbw.measurement.records import Record
@@ -167,7 +167,7 @@ def _first_records(campaign: Path, allow_outside: bool) -> "Iterator[tuple[str, 
 
 
 def _lines(checked: "Check") -> Iterator[Table | str]:
-    """Yield the table of channels, the tables of joints, and the lines of findings."""
+    """Yield the table of channels, the tables of joints, and lines of findings."""
     names = ("test", "channel", "role", "unit")
     columns = [Column(name, attrgetter(name), align="left") for name in names]
     columns += [
@@ -182,7 +182,7 @@ def _lines(checked: "Check") -> Iterator[Table | str]:
 
 
 def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
-    """Yield the table of modes with joints' energy shares, the table of matrix B, and the notes."""
+    """Yield the table of modes with joints' energy shares, the table of matrix B, and notes."""
     separability = joints.separability
     rows = list(enumerate(joints.frequencies_hz))
     columns = [
@@ -213,7 +213,7 @@ def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
 
 
 def finding_lines(rows: "Sequence[Row]") -> Iterator[str]:
-    """Yield one line per finding with all its tests; equal reasons and remedies are merged."""
+    """Yield one line per finding, with the names of all tests that have it; print a remedy once."""
     by_remedy: dict[tuple[str, str, str], dict[tuple[str, str], list[str]]] = {}
     for row in rows:
         for finding in row.findings:

@@ -75,7 +75,7 @@ def collect(
 
 
 def _runs_of(folder: Path, say: Any) -> list[Path]:
-    """Return a run's folder, or the finished runs in a folder; warn of unfinished runs."""
+    """Return the run's folder, or all finished runs in a folder; warn about unfinished runs."""
     if (folder / "summary.json").is_file():
         return [folder]
     inner = sorted(

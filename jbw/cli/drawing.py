@@ -1,4 +1,4 @@
-"""A second process that draws part of a report's figures, while the command draws the rest."""
+"""A second process that draws some of a report's figures, while the command draws the others."""
 
 import json
 import os
@@ -16,7 +16,7 @@ PROGRAM = "import jbw.report.figures; jbw.report.figures.draw_when_asked()"
 
 
 class DrawingProcess:
-    """A process that draws figures: it loads its modules at once and waits for requests.
+    """A process that draws figures: it loads its modules at once, then waits for requests.
 
     It ends when its input closes, and so with the command, however the command ends. If it cannot
     be started or fails, it returns nothing, and the command draws all figures itself.
@@ -41,7 +41,7 @@ class DrawingProcess:
         self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
-            with suppress(OSError):  # data that has not been sent yet is not needed
+            with suppress(OSError):  # Unsent data is not needed any more.
                 if pipe is not None:
                     pipe.close()
 
@@ -61,10 +61,10 @@ class DrawingProcess:
         return True
 
     def drawn(self) -> Mapping[str, Any]:
-        """Return the pictures and texts of each figure that the process has drawn, by name."""
+        """Return image and text of each figure that the process has drawn, by name."""
         if self._process is None or self._process.stdout is None:
             return {}
         try:
             return json.loads(self._process.stdout.readline())
-        except ValueError:  # the process failed: its answer is empty or incomplete
+        except ValueError:  # The process failed: its answer is empty or incomplete.
             return {}

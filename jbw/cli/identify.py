@@ -1,4 +1,4 @@
-"""The commands on a campaign: `jbw identifiability, identify, demo, resume`."""
+"""The commands on a campaign: `jbw identifiability`, `jbw identify`, `jbw demo`, `jbw resume`."""
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -87,15 +87,15 @@ def identifiability(
     default="everyday",
     show_default=True,
     help="Programme of the measurement: three days with noise and differences between days, "
-    "or the paper's programme almost without them, with sweeps from weak to strong "
-    "hysteresis or at the paper's voltages.",
+    "or the paper's programme with almost no noise and no differences, with sweeps from weak "
+    "to strong hysteresis or at the paper's voltages.",
 )
 @click.option(
     "--paper",
     "preset",
     flag_value="laboratory",
-    help="The paper's programme, with its Steps 2 to 4 in addition to the joint posterior, as "
-    "--preset laboratory.",
+    help="Measure the paper's programme, and run its Steps 2 to 4 in addition to the joint "
+    "posterior; the same as --preset laboratory.",
 )
 @figures_option
 @strict_option
@@ -306,7 +306,7 @@ def run_to_end(
         raise
     finally:
         run.close()
-    # the brief of an earlier answer is updated
+    # A brief that an earlier first answer left is updated.
     brief = brief or (run.folder / "brief.pdf").exists()
     pages = f"\nBrief: {save_brief(run.folder)}" if brief else ""
     shown = _all_of(summary) if verbose else short_lines(summary, tree)
@@ -324,7 +324,7 @@ def run_to_end(
 
 
 def ended(verdict: "StoredVerdict", folder: Path, *, strict: bool = False) -> int:
-    """Print the command to type after a run with this verdict; return exit code 0 or 4."""
+    """Print the command to type next, which depends on the verdict; return exit code 0 or 4."""
     quoted = shlex.quote(str(folder))
     code = exit_code_of(verdict.status, strict=strict)
     if code == 0:
@@ -336,13 +336,12 @@ def ended(verdict: "StoredVerdict", folder: Path, *, strict: bool = False) -> in
 
 
 def _all_of(summary: "RunSummary") -> Iterator[Table | Text | str]:
-    """Yield all tables and sentences on a run, for verbose output."""
     yield from summary_lines(summary)
     yield from verdict_lines(summary.verdict)
 
 
 def short_lines(summary: "RunSummary", tree: Any) -> Iterator[Text | str]:
-    """Yield the law, verdict, determined parameters and the five opening sentences of a run."""
+    """Yield a run's law, verdict, determined parameters and five opening sentences."""
     from jbw.report.opening import known_parameters, opening, split_sentence
     from jbw.report.result import laws_of
     from jbw.report.words import law_words
@@ -358,7 +357,7 @@ def short_lines(summary: "RunSummary", tree: Any) -> Iterator[Text | str]:
 
 
 def summary_lines(summary: "RunSummary") -> Iterator[Table | str]:
-    """Yield Table 1 of Teloli et al., the statements and the prediction errors of a run."""
+    """Yield a run's parameters (Table 1 of Teloli et al.), statements and prediction errors."""
     from jbw.report.tables import parameters_table, table_of_tests
 
     yield parameters_table(summary, {})

@@ -1,4 +1,4 @@
-"""Loads of `jbw predict`: response curves, random profiles, shocks, notches."""
+"""The loads of `jbw predict`: response curves, random profiles, shocks, notches."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -25,12 +25,12 @@ Found = dict[str, "xr.Dataset"]
 
 
 class Quantities(click.ParamType):
-    """Option type: numbers separated by commas, each with or without a unit, as (value, unit)."""
+    """Option type for numbers, separated by commas, with or without a unit."""
 
     name = "value"
 
     def convert(self, value: Any, *of: Any) -> list[tuple[float, str]]:
-        """Return the numbers and units that the text of an option contains."""
+        """Return the (value, unit) pairs in the text of an option."""
         if not isinstance(value, str):
             return value
         found = []
@@ -43,7 +43,7 @@ class Quantities(click.ParamType):
 
 
 def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
-    """Return a value converted to a unit; a value without a unit is in this unit already."""
+    """Convert a value to a unit; a value without a unit is taken to be in this unit already."""
     from jbw.units import measured, plain
 
     value, stated = quantity
@@ -68,7 +68,7 @@ def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
 
 
 def require_alike(options: SimpleNamespace, *, loads: bool, campaign: Path | None) -> None:
-    """Raise an error for tests together with other loads, or for --base without a load."""
+    """Raise an error if tests and other loads are requested together, or --base without a load."""
     tests = options.names or options.sweep or options.stepped or options.tone or campaign
     if loads and tests:
         raise click.UsageError(messages.LOADS_OR_TESTS)

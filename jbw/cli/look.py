@@ -1,4 +1,4 @@
-"""The command that reads records without a joint model: `jbw look CAMPAIGN`."""
+"""The command that measures frequency and damping without a joint model: `jbw look CAMPAIGN`."""
 
 import warnings
 from pathlib import Path
@@ -84,15 +84,15 @@ def look(
     outputs = (("Figure", figure), ("Choose the band", html))
     saved = "\n".join(f"{what}: {path}" for what, path in outputs if path is not None)
     record = {**found.plain(), "doubts": [str(doubt.message) for doubt in doubts]}
-    # Faults of the records change the numbers below, so they are printed first.
+    # Faults of the records change the numbers below and are therefore printed first.
     doubted = finding_lines(checked.rows)
     answer(json_, record, *doubted, *tables, *found.statements, *found.seen, saved=saved)
-    # If no record could be evaluated, a fit would show no more than a check.
+    # If no record could be evaluated, a fit would show no more than a check of the channels.
     following("identify" if found.tests or found.loops else "check", campaign)
 
 
 def tests_table(found: "StoredLook") -> Table:
-    """Return the table of frequency and damping, one row per test, in order of the motion."""
+    """Return the table of frequency and damping, one row per test, ordered by amplitude."""
     factor, unit = length_unit(max((row.y for row in found.tests), default=1.0))
     return table(
         without_model(found.campaign),
@@ -114,7 +114,7 @@ def tests_table(found: "StoredLook") -> Table:
 
 
 def _with_scatter(mean: float, sd: float | None, digits: int = 3) -> str:
-    """Return a mean as text, with the standard deviation over records if there are several."""
+    """Return a mean as text, with the standard deviation between records if there are several."""
     return f"{number(mean, sd)} ± {number(sd, digits=2)}" if sd else number(mean, digits=digits)
 
 

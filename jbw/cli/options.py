@@ -36,7 +36,7 @@ figures_option = click.option(
 
 
 class CampaignPath(click.Path):
-    """Option type: a campaign file or its folder, which must exist; nothing heavy is loaded."""
+    """Option type for a campaign file or its folder, which must exist; it imports nothing slow."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return the path of the campaign file; raise a ConfigError if it cannot be read."""
@@ -59,13 +59,13 @@ run_argument = click.argument(
 
 
 def campaigns_given(given: Sequence[Path], mass: float | None = None) -> list[Path]:
-    """Return the campaign files for the given arguments; announce drafted files on stderr.
+    """Return the campaign files named by the arguments; announce drafted files on stderr.
 
     A modal mass [kg] becomes part of a drafted campaign.
     """
     from jbw.campaign.written import CAMPAIGN, is_campaign, require_file
 
-    if mass is None and all(map(is_campaign, given)):  # no record has to be read
+    if mass is None and all(map(is_campaign, given)):  # Nothing in the records has to be read.
         for path in given[:1]:
             require_file(path, *CAMPAIGN)
         return list(given)
@@ -75,7 +75,7 @@ def campaigns_given(given: Sequence[Path], mass: float | None = None) -> list[Pa
 
 
 def one_campaign(given: Sequence[Path]) -> Path:
-    """Return the single campaign file for the given arguments.
+    """Return the one campaign file named by the arguments.
 
     Raises:
         UsageError: The arguments stand for several campaigns.
@@ -87,7 +87,7 @@ def one_campaign(given: Sequence[Path]) -> Path:
 
 
 def figure_option(what: str, example: str) -> Option:
-    """Return the option `--figure FILE` for a figure, whose suffix determines its format."""
+    """Return the option `--figure FILE`; the file's suffix determines the format."""
 
     def picture(_: Any, __: Any, path: Path | None) -> Path | None:
         if path is not None and path.suffix not in PICTURES:
@@ -106,7 +106,7 @@ def figure_option(what: str, example: str) -> Option:
 
 
 def out_option(where: str) -> Option:
-    """Return the option `--out DIR`, with its default folder in the help."""
+    """Return the option `--out DIR`; its help states the default folder."""
     return click.option(
         "--out",
         type=click.Path(file_okay=False, path_type=Path),
@@ -115,7 +115,7 @@ def out_option(where: str) -> Option:
 
 
 def seed_option(otherwise: str = "", default: int | None = None) -> Option:
-    """Return the option `--seed N`, with the origin of its default in the help."""
+    """Return the option `--seed N`; its help states where the default comes from."""
     default_words = f", the {otherwise}'s by default" if otherwise else ""
     return click.option(
         "--seed", type=int, default=default, show_default=default is not None,

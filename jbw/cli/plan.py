@@ -98,7 +98,7 @@ def plan(
             numbers = partial(write_json, value=plain_values(asdict(planned)))
             save_outputs(job.folder, {"plan.json": numbers}, {})
     before = planning.before({name: _spread(cv) for name, cv in planned.before.items()})
-    # Objections to single tests, by the numbers of the tests in the table.
+    # Objections to single tests, by the tests' numbers in the table.
     remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(planned.rows) if r.notes]
     recommended = _recommended(planned.combination, planned)
     answer(
@@ -172,7 +172,7 @@ def plan_table(planned: "MeasurementPlan") -> Table:
 
 
 def _recommended(combination: "Combination", planned: "MeasurementPlan") -> list[str]:
-    """Return the recommended combination of tests as lines, with the accuracies that it reaches."""
+    """Return the recommended combination of tests as lines, with the accuracy that it reaches."""
     wish = planned.wish
     if combination.met and not combination.tests:
         best = max(planned.rows, key=lambda row: row.information_gain / row.seconds_each)

@@ -102,7 +102,7 @@ def _drawn(
     bands: tuple[np.ndarray, np.ndarray],
     shown: "Table",
 ) -> tuple[str, "Panels"]:
-    """Return the HTML page of a population, and its figure of all units."""
+    """Return the HTML page about a population, and the figure of all its units."""
     from jbw.report.population import population_figure, population_sheet
     from jbw.report.sheet import render_sheet
 
@@ -139,7 +139,7 @@ def _write(
 def _bands(
     pooling: "Population", torque: float | None, new: Callable[[float | None], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return torques (positions of the units if no trend is known), and new units there."""
+    """Return torques (or places of the units if there is no trend), and predicted new units."""
     torques = np.array(pooling.result.torque, float)
     if "torque" not in pooling.design.columns:
         return np.array([0.5, len(torques) + 0.5]), np.stack([new(None)] * 2, axis=1)

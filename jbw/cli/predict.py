@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 
 class FromTo(click.ParamType):
-    """Option type: a pair of frequencies with a colon between them."""
+    """Option type for a pair of frequencies with a colon between them."""
 
     name = "from:to"
 
     def convert(self, value: Any, *of: Any) -> tuple[float, float]:
-        """Return the two frequencies [Hz] of an option's text `first:last`."""
+        """Return the two frequencies [Hz] in an option's text `first:last`."""
         try:
             first, last = map(float, value.split(":"))
         except ValueError:
@@ -134,8 +134,7 @@ def predict(folder: Path, campaign: Path | None, **stated: Any) -> None:
         basis = basis_in(folder)
         if loads:
             return predict_loads(folder, basis, basis_inputs(folder), options, say)
-        # Planned tests are in the unit of the run's source, whatever the campaign states about its
-        # gain.
+        # Planned tests use the unit of the run's source, whatever gain the campaign states.
         request = predicting.Request(options.draws, not options.without_noise)
         requests = [(test, request) for test in _planned(basis, options)]
         inputs = basis_inputs(folder)
@@ -180,7 +179,7 @@ def predict(folder: Path, campaign: Path | None, **stated: Any) -> None:
 
 
 def basis_inputs(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each file on which a folder's predictions depend, by file name."""
+    """Return the SHA-256 hash of each file on which a folder's predictions depend, by file name."""
     from jbw.run.files import hash_of
 
     files = sorted(path for path in folder.iterdir() if path.suffix in (".nc", ".json"))
@@ -188,7 +187,7 @@ def basis_inputs(folder: Path) -> dict[str, str]:
 
 
 def basis_in(folder: Path) -> "Basis":
-    """Return the basis of predictions in a folder: a run, compared laws, or a population."""
+    """Return what predictions from a folder rest on: a run, compared laws, or a population."""
     from jbw.law_comparison.stack import basis_of_laws, holds_laws
     from jbw.population.basis import basis_of_population, holds_population
     from jbw.study.study import basis_of_run
@@ -201,7 +200,7 @@ def basis_in(folder: Path) -> "Basis":
 
 
 def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) -> str:
-    """Return the message on the units that a prediction is for, and their gain."""
+    """Return the message on which units a prediction from a population concerns, and their gain."""
     of_units = all(request.gain is None for _, request in requests)
     return further_units(torque, of_units=of_units)
 
@@ -224,7 +223,7 @@ def _planned(basis: "Basis", options: SimpleNamespace) -> "Iterator[Test]":
 
 
 def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
-    """Return the table of predictions with one line per test."""
+    """Return the table of predictions, with one line per test."""
     from jbw.report.tables import inside, level_of  # loads matplotlib
     from jbw.results.run import StoredTest
 

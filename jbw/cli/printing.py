@@ -16,14 +16,14 @@ from jbw.report.table import MARKS, Table, print_table
 if TYPE_CHECKING:
     from jbw.results.run import StoredVerdict  # loads pydantic
 
-PIPE_WIDTH = 160  # number of columns if stdout is no terminal, and so has no width
-NOT_TRUSTED = 4  # exit code of a run whose verdict is neither ok nor usable
+PIPE_WIDTH = 160  # number of columns if stdout is no terminal and has no width
+NOT_TRUSTED = 4  # exit code of a run whose verdict is neither "ok" nor "usable"
 MINUTE, HOUR = 60, 3600
 STATUS = {"ok": MARKS["good"], "failed": MARKS["bad"]}
 
 
 def console() -> Console:
-    """Return a console on stdout, wide if stdout is no terminal; Rich respects NO_COLOR."""
+    """Return a console for stdout, wide if it is no terminal; Rich respects NO_COLOR."""
     screen = Console(highlight=False)
     return screen if screen.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
@@ -33,7 +33,8 @@ def show(*shown: Table | Text | str) -> None:
     screen = console()
     for content in shown:
         if not isinstance(content, Table):
-            # Names come from files; they are printed as text, without markup or control characters.
+            # Names come from files; they are printed literally, without markup or control
+            # characters.
             text = Text(printable(content)) if isinstance(content, str) else content
             screen.print(text, soft_wrap=not screen.is_terminal)
         elif content.rows:
@@ -41,7 +42,7 @@ def show(*shown: Table | Text | str) -> None:
 
 
 def answer(json_: bool, record: Any, *shown: Table | Text | str, saved: str = "") -> None:
-    """Print a record as JSON; otherwise print its tables and sentences, and where it was saved."""
+    """Print a record as JSON; otherwise its tables and sentences, and where it was saved."""
     if json_:
         show_json(record)
         return
@@ -62,7 +63,7 @@ def show_json(record: Any) -> None:
 
 
 def plain_values(value: Any) -> Any:
-    """Return nested values in which each number that is not finite is replaced by None."""
+    """Return nested values in which None replaces every number that is not finite."""
     if isinstance(value, Mapping):
         return {key: plain_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -71,7 +72,7 @@ def plain_values(value: Any) -> Any:
 
 
 def verdict_line(verdict: "StoredVerdict") -> Text:
-    """Return a verdict in one line, with the status of each of its three answers."""
+    """Return one line with a verdict and the status of its three answers."""
     parts: list[Any] = ["Verdict: ", _status(verdict.status)]
     for i, (name, answered) in enumerate(verdict.answers.items()):
         parts += [", " if i else " (", f"{name} ", _status(answered.status, answered.word)]
@@ -79,7 +80,7 @@ def verdict_line(verdict: "StoredVerdict") -> Text:
 
 
 def verdict_lines(verdict: "StoredVerdict", *, passed: bool = False) -> Iterator[Text | str]:
-    """Yield a verdict's lines: status, answers, failed findings; with `passed`, all findings."""
+    """Yield a verdict's lines: status, answers, failed findings (with `passed`, all findings)."""
     yield Text.assemble("Verdict: ", _status(verdict.status))
     for name, answered in verdict.answers.items():
         status = _status(answered.status, answered.word)
@@ -93,7 +94,7 @@ def verdict_lines(verdict: "StoredVerdict", *, passed: bool = False) -> Iterator
 
 
 def exit_code_of(status: str, *, strict: bool = False) -> int:
-    """Return 0 if the status is ok or usable and 4 otherwise; with `strict`, 4 unless it is ok."""
+    """Return exit code 0 for status ok or usable, else 4; with `strict`, 0 only for ok."""
     return 0 if status == "ok" or (status == "usable" and not strict) else NOT_TRUSTED
 
 

@@ -1,4 +1,4 @@
-"""Set-up of commands that compute: JAX, and progress as one line per stage and chain.
+"""Set-up of commands that compute: JAX, and progress messages for each stage and chain.
 
 Events within a stage arrive as messages of the logger `jbw.progress`.
 """
@@ -32,10 +32,10 @@ if TYPE_CHECKING:
 
 RESULT_ONLY = ("out", "json_")  # options that have no effect on the results
 LOOK_S = 1.0  # shortest time between two updates of the chains on a terminal [s]
-PLAIN_S = 10.0  # time between two lines on the chains, without a terminal [s]
+PLAIN_S = 10.0  # time between two lines on the chains if stderr is no terminal [s]
 # The current stage is printed [s] if nothing was printed for this time plus one BEAT_S.
 SILENT_S = 4.0
-BEAT_S = 0.5  # time between two checks for silence [s]
+BEAT_S = 0.5  # time between two checks whether something was printed [s]
 STARTING = "Loading numerical libraries"
 STEPS = {
     "joint_": "joint posterior", "decay_": "posterior of free decays", "third_order_": "Step 3",
@@ -45,7 +45,7 @@ WAYS = {"amis": "weighed points", "ridge": "along the ridge,", "valley": "along 
         "wide": "wider prior bounds,"}  # fmt: skip
 # number of effective draws that a verdict requires, as in jbw.inference.posterior.verdict
 ESS = 400.0
-FEWEST = 8  # smallest number of draws of a chain from which its effective number is estimated
+FEWEST = 8  # smallest number of draws of a chain for which an effective number is estimated
 
 
 class Teller:
@@ -55,7 +55,8 @@ class Teller:
         self._console = console
         self._rewrites = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
-        self._chains: Table | None = None  # the table of chains in the live lines
+        # the table of chains among the lines that are overwritten
+        self._chains: Table | None = None
         self._lock = threading.RLock()  # needed because `beat` runs in a separate thread
         self._started = perf_counter()
         self._told = self._started
@@ -63,16 +64,16 @@ class Teller:
         self._stage, self._since, self._within = "", self._started, ""
 
     def __call__(self, stage: str) -> None:
-        """Print the name of a stage that begins now, with the seconds since the start."""
+        """Print the name of the stage that begins now, after the seconds since the start."""
         self._stage, self._since, self._within = stage, perf_counter(), ""
         self.remark(stage)
 
     def within(self, what: str) -> None:
-        """Set the current activity within the stage, which is printed if it takes long."""
+        """Store the current activity within the stage; it is printed if it takes long."""
         self._within = what
 
     def remark(self, sentence: str) -> None:
-        """Print a sentence without changing the current stage."""
+        """Print a sentence that does not begin a stage."""
         with self._lock:
             self.clear()
             self._told = perf_counter()
@@ -96,14 +97,13 @@ class Teller:
                 self._print(line)
 
     def _print(self, line: Text) -> None:
-        """Print one line per message to files and pipes; wrap long lines on a terminal."""
         self._console.print(line, soft_wrap=not self._rewrites)
 
     def _line(self, sentence: str) -> Text:
         return Text(f"[{perf_counter() - self._started:5.1f} s] {sentence}")
 
     def _show(self, lines: RenderableType) -> None:
-        """Replace the lines that are updated on the terminal."""
+        """Replace the overwritten lines on the terminal by new ones."""
         if self._live is None:
             self._live = Live(
                 console=self._console, auto_refresh=False, transient=True, redirect_stdout=False
@@ -112,7 +112,7 @@ class Teller:
         self._live.update(lines, refresh=True)
 
     def chains(self, name: str, so_far: Any) -> None:
-        """Print the progress of a posterior's chains, at intervals that can be read.
+        """Print the progress of a posterior's chains, not more often than one can read.
 
         `so_far` is the state of the chains, a `jbw.inference.samplers.chunked_run.SoFar`.
         """
@@ -133,7 +133,7 @@ class Teller:
                 self._show(self._chains)
 
     def clear(self) -> None:
-        """Remove the updated lines from the terminal."""
+        """Remove the overwritten lines from the terminal."""
         with self._lock:
             if self._live is not None:
                 self._live.stop()
@@ -141,20 +141,20 @@ class Teller:
 
 
 class _Within(logging.Handler):
-    """A log handler that shows messages of the logger `jbw.progress` as current activity."""
+    """A log handler that passes messages of the logger `jbw.progress` on as current activity."""
 
     def __init__(self, say: Teller) -> None:
         super().__init__(logging.INFO)
         self._say = say
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Show a log message as the current activity."""
+        """Store a log message as the current activity."""
         self._say.within(record.getMessage())
 
 
 @contextmanager
 def telling(first: str = "") -> Iterator[Teller]:
-    """Yield a printer of progress on stderr that interrupts long silences and shows warnings.
+    """Yield a printer of progress on stderr; it also shows warnings and reports long computations.
 
     `first` is printed at once, before anything is imported.
     """
@@ -192,7 +192,7 @@ def telling(first: str = "") -> Iterator[Teller]:
 
 @contextmanager
 def computing() -> Iterator[Teller]:
-    """Set up JAX and yield a printer of progress; import modules that need JAX within it."""
+    """Set up JAX and yield a printer of progress; import modules that need JAX inside."""
     with telling(STARTING) as say:
         if (limit := address_space()) < RESERVED:
             say.remark(stages.little_address_space(limit / 2**30, RESERVED / 2**30))
@@ -202,7 +202,7 @@ def computing() -> Iterator[Teller]:
 
 @contextmanager
 def working(say: Teller, folder: Path) -> "Iterator[Job]":
-    """Yield the output folder of the running command; its parts are kept if interrupted."""
+    """Yield the running command's computation; its partial results survive an interruption."""
     from jbw.study.store import claimed
 
     context = click.get_current_context()
@@ -230,7 +230,7 @@ def called(name: str) -> str:
 
 
 def chain_table(name: str, so_far: Any) -> Table:
-    """Return one line per chain: steps, draws, effective draws, divergences, remaining time."""
+    """Return a table line per chain: steps, draws, effective draws, divergences, remaining time."""
     table = Table.grid(padding=(0, 2))
     table.title, table.title_justify = called(name), "left"
     sizes = effective(so_far.draws)
@@ -251,10 +251,10 @@ def chain_table(name: str, so_far: Any) -> Table:
 
 
 def chain_sentence(name: str, so_far: Any) -> str:
-    """Return one line for all chains: steps, effective draws, divergences, remaining time."""
+    """Return one line on all chains: steps, effective draws, divergences, remaining time."""
     sizes = effective(so_far.draws)
     if so_far.in_rounds and sizes is not None:
-        # Groups of points are independent of each other; their effective draws therefore add up.
+        # Groups of points are independent of each other, so their effective draws add up.
         worth = stages.effective(sum(sizes), ESS)
         return f"{called(name)}: round {so_far.done} of {so_far.total} at most, {worth}"
     parts = [f"{called(name)}: {so_far.done} of {so_far.total} steps"]
@@ -270,7 +270,7 @@ def chain_sentence(name: str, so_far: Any) -> str:
 
 
 def effective(draws: dict[str, np.ndarray]) -> list[float] | None:
-    """Return each chain's effective draws of its worst parameter; None with too few draws."""
+    """Return each chain's smallest effective number of draws; None if there are too few draws."""
     from jbw.inference.posterior.summary import diagnose
 
     if not draws or next(iter(draws.values())).shape[1] < FEWEST:

@@ -89,7 +89,7 @@ def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bo
 
 
 def save_brief(folder: Path, out: Path | None = None) -> Path:
-    """Write the one-page PDF of a finished run, by default next to its report; return its path."""
+    """Write a finished run's one-page PDF, by default next to its report; return its path."""
     from jbw.report.brief import write_brief
     from jbw.report.result import read_result
     from jbw.run.files import write_whole
@@ -148,7 +148,7 @@ def export(
         from jbw.report.result import read_result
         from jbw.study.store import claim
 
-        programs_named(names)  # a misspelt name is reported before anything is computed
+        programs_named(names)  # This reports a misspelt name before anything is computed.
         say(f"Reading {folder}")
         summary, tree = read_result(folder)
         say(stages.COMPUTING_JOINT)

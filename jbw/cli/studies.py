@@ -80,7 +80,7 @@ def compare(
 
 
 def comparison_lines(record: "StoredSamplers") -> tuple[Table | str, ...]:
-    """Return a table of samplers, a table of parameters by sampler, and the refused samplers."""
+    """Return a table of samplers, a table of parameters by sampler, and rejected samplers."""
     samplers = record.samplers.values()
     rows = [
         row.parameters[parameter].replaced(parameter=parameter, sampler=row.name)
@@ -118,7 +118,7 @@ def comparison_lines(record: "StoredSamplers") -> tuple[Table | str, ...]:
 
 
 def _number(heading: str, key: str, digits: int = 3) -> Column:
-    """Return a column of numbers with some digits; large numbers are shown as integers."""
+    """Return a number column for a table, with some digits; large numbers become integers."""
 
     def shown(row: Any) -> str:
         value = field(row, key)
@@ -141,7 +141,7 @@ def _verdict(row: "StoredSampler") -> str:
 
 
 def _distance(key: str, row: "SampledParameter") -> str:
-    """Return a value as text, and its distance from the reference in standard errors."""
+    """Return a value as text, with its distance from the reference in standard errors."""
     value, z = field(row, key), field(row, f"z_{key}")
     shown = NOTHING if value is None else f"{value:.6g}"
     return shown if z is None else f"{shown} ({z:+.1f})"

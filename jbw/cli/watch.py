@@ -37,7 +37,8 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     "amplitudes",
     callback=_amplitudes,
     metavar="A1[,A2]",
-    help="Peak amplitudes of the response to read at, in SI; by default the lowest common one.",
+    help="Peak amplitudes of the response at which frequency and damping are measured, in SI; by "
+    "default the lowest common one.",
 )
 @click.option(
     "--false-alarms", type=float, help="Rate of false alarms per record; by default 0.001."
@@ -99,7 +100,7 @@ def watch(
         if len(settings.amplitudes) > 1 and settings.reference < FEW:
             say(messages.several_amplitudes(FEW))
     stated = [line for line in new_lines if line.statement]
-    # The last alarm is shown, or without an alarm the statement on the last record.
+    # The last alarm is shown; without an alarm, the statement on the last record.
     last = ([line for line in stated if line.alarm] or stated)[-1:]
     shown = new_lines or readings
     added = [line.plain() for line in new_lines]

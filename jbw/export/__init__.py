@@ -1,1 +1,1 @@
-"""The export of a joint to other programs: one draw of a posterior, with the bands of all draws."""
+"""The export of a joint to other programs: one posterior draw, with the bands of all draws."""

@@ -14,9 +14,9 @@ from jbw.verification.bands import band, within
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
-# number of most probable draws among which one with its backbone inside the bands is searched
+# The backbone is checked for this many of the most probable draws.
 NUM_TRIED = 64
-ROUNDING = 1e-12  # relative tolerance for a band of zero width
+ROUNDING = 1e-12  # relative tolerance for bands of zero width
 
 Bands = Mapping[str, NDArray[np.float64]]
 
@@ -33,7 +33,7 @@ def products_of(draws: Draws, laws: Laws) -> list[tuple[str, str, Float[np.ndarr
 
 
 def density_of(tree: xr.DataTree) -> NDArray[np.float64]:
-    """Return the log density of every draw of the main posterior [nats], chain after chain.
+    """Return the log density of every draw of the main posterior [nats], one chain after another.
 
     Raises:
         DataError: The run stored no density.
@@ -82,7 +82,7 @@ def best_draw(
 def backbone_within(
     draws: Draws, amplitude: Float[np.ndarray, " amplitude"], bands: Bands, laws: Laws
 ) -> NDArray[np.bool_]:
-    """Return for each draw whether its backbone is within the bands at every amplitude."""
+    """Return for each draw whether its backbone lies inside the bands at every amplitude."""
     frequency, damping, _ = carry(curves, draws, amplitude, laws)
     inside = np.ones(count_of(draws), bool)
     for values, edges in ((frequency, bands["frequency"]), (damping, bands["damping"])):

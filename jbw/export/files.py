@@ -40,7 +40,7 @@ Columns = Mapping[str, Sequence[Any] | NDArray[np.float64]]
 
 
 def chosen_programs(names: Sequence[str], result: Export) -> tuple[Program, ...]:
-    """Return the simulation programs to write for: the named ones, or the usual ones for a joint.
+    """Return the programs to write files for: those named, or the default ones for a joint.
 
     Usual programs that cannot represent the joint are left out.
 
@@ -62,7 +62,7 @@ def write_export(
     programs: Sequence[Program] | None = None,
     draws: Iterable[tuple[int, Export]] = (),
 ) -> tuple[Path, ...]:
-    """Write parameters.csv, backbone.csv, loop.csv, jbw.mat and programs' files; return the files.
+    """Write parameters.csv, backbone.csv, loop.csv, jbw.mat and program files; return all paths.
 
     Text files begin with comment lines on the run's verdict and on the exported joint; so does
     `about` in jbw.mat. Each draw gets a folder, from draws/0001 on, and an entry in a manifest.
@@ -92,7 +92,7 @@ def write_export(
 
 
 def chosen_programs_of_joints(names: Sequence[str], result: JointsExport) -> tuple[Program, ...]:
-    """Return the simulation programs to write for: the named ones, or the usual ones for joints.
+    """Return the programs to write files for: those named, or the default ones for several joints.
 
     Usual programs that cannot represent the joints are left out.
 
@@ -115,7 +115,7 @@ def write_joints(
     programs: Sequence[Program] | None = None,
     draws: Iterable[tuple[int, JointsExport]] = (),
 ) -> tuple[Path, ...]:
-    """Write the tables of several joints, jbw.mat and programs' files; return the files.
+    """Write the tables of several joints, jbw.mat and files of programs; return all paths.
 
     A file contains all joints, one after the other, except FMUs, which have one folder per joint.
     Each draw gets a folder, from draws/0001 on, and an entry in a manifest.
@@ -156,12 +156,12 @@ def write_joints(
 
 
 def _as_fields(by_name: Mapping[str, Any]) -> dict[str, Any]:
-    """Return entries with names that MATLAB accepts: `alpha@bolt_1` becomes `alpha_at_bolt_1`."""
+    """Replace "@" in names for MATLAB, so that `alpha@bolt_1` becomes `alpha_at_bolt_1`."""
     return {name.replace(AT, "_at_"): value for name, value in by_name.items()}
 
 
 def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
-    """Return notes on the files of an export, such as that no compiler was found."""
+    """Return warnings about the files of an export, such as that no compiler was found."""
     compiled = any(program.name.startswith("fmi") for program in programs)
     if not compiled or compiler() is not None:
         return ()
@@ -191,7 +191,7 @@ def _draw_rows[Exported](
     cards: Sequence[Callable[[Path, Exported], Paths]],
     values_of: Callable[[Exported], dict[str, Any]],
 ) -> list[dict[str, Any]]:
-    """Write every program's parameter file for each draw; return entries for the manifest."""
+    """Write a parameter file per draw and program; return the entries for manifest.json."""
     rows = []
     for i, (number, draw) in enumerate(draws, start=1):
         draw_folder = folder / "draws" / f"{i:04d}"
@@ -234,7 +234,7 @@ def _write_tables(
     result: Export | JointsExport,
     tables: Mapping[str, tuple[str, Columns]],
 ) -> list[Path]:
-    """Write parameters.csv, and each table with a description in its head."""
+    """Write parameters.csv and other tables as CSV files, each headed by a description."""
     header = list(result.parameters[0])
     rows = [row.values() for row in result.parameters]
     paths = [_write_rows(folder / "parameters.csv", result.about, header, rows)]
@@ -282,7 +282,7 @@ def export_of_run(
     y_max: float | None = None,
     draw: int | None = None,
 ) -> RunExport:
-    """Return the export of a run's joint, or of all its joints.
+    """Return everything that an export of a run's joint, or of all its joints, writes.
 
     Args:
         tree: Result of the run.

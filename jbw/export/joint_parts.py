@@ -1,4 +1,4 @@
-"""The parts of one draw of a joint for other programs: linear parts, curves, loops, materials."""
+"""Properties of one draw of a joint for other programs: linear part, curves, loops, materials."""
 
 from collections.abc import Mapping
 
@@ -17,7 +17,7 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws
 
 PARTS = (0.25, 0.5, 1.0)  # amplitudes of the loops, relative to the largest displacement
-NUM_PHASES = 100  # number of points of half a loop
+NUM_PHASES = 100  # number of points on half a loop
 REACH = 2.0  # range of the sliders that represent a law, relative to the largest displacement
 # number of points of a skeleton curve besides its origin: Ansys accepts twenty in all
 NUM_POINTS = 19
@@ -26,7 +26,7 @@ Table = dict[str, NDArray[np.float64]]
 
 
 def linear_parts(theta: Mapping[str, float], laws: Laws, mass: float) -> dict[str, float]:
-    """Return the linear parts of a joint: modal mass [kg], spring [N/m] and dashpot [N s/m]."""
+    """Return the linear part of a joint: modal mass [kg], spring [N/m] and dashpot [N s/m]."""
     joint = oscillator_of(theta, laws)
     dashpot = 2.0 * mass * theta["zeta"] * theta["omega_n"]
     return {"mass": mass, "spring": mass * float(joint.k), "dashpot": dashpot}
@@ -68,12 +68,12 @@ def _skeleton(
 
 
 def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
-    """Return steady loops under slow motion: force of spring and joint, without dampers [N]."""
+    """Return steady loops of slow motion: force of the spring and the laws without dampers [N]."""
     peaks = y_max * np.asarray(PARTS)
     half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
     down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
     even = carry(_even_force, one, jnp.asarray(half), laws)[0]
-    # The loading curve is the unloading curve turned about the origin, except for even forces; its
+    # The loading curve is the unloading curve rotated about the origin, except for even forces; its
     # end closes the loop.
     y = np.concatenate([half, -half, half[:, :1]], axis=1)
     force = np.concatenate([down, 2.0 * even - down, down[:, :1]], axis=1)
@@ -99,7 +99,7 @@ def _even_force(theta: Mapping[str, jax.Array], y: jax.Array, laws: Laws) -> jax
 def materials_of(
     theta: Mapping[str, float], laws: Laws, mass: float, y_max: float
 ) -> tuple[Material, ...]:
-    """Return the spring and every law as OpenSees materials; empty if a law has none.
+    """Return OpenSees materials for the spring and all laws; empty if one of them has no material.
 
     Masing laws are represented by sliders up to `REACH` times the largest displacement.
     """
@@ -122,14 +122,14 @@ def materials_of(
 
 
 def _in_parallel(sliders: Sliders, mass: float) -> tuple[Material, ...]:
-    """Return OpenSees materials for the sliders of a law and its spring that never slips."""
+    """Return OpenSees materials for a law's sliders and for its spring that never slips."""
     pairs = zip(sliders.stiffness, sliders.slip, strict=True)
     slipping = (Material("ElasticPP", (mass * float(k), float(slip))) for k, slip in pairs)
     return Material("Elastic", (mass * sliders.spring,)), *slipping
 
 
 def error_of_sliders(law: Masing, y_max: float) -> float:
-    """Return the largest relative error of the sliders' loss per cycle from 10 % of `y_max` on."""
+    """Return the sliders' largest relative error of loss per cycle, at 10 to 100 % of `y_max`."""
     peaks = y_max * np.linspace(0.1, 1.0, 10)
     exact = np.pi * peaks**2 * np.asarray(jax.vmap(lambda y: law.loop(y).damping)(peaks))
     return float(np.max(np.abs(lost_by(sliders_of(law, REACH * y_max), peaks) / exact - 1.0)))

@@ -1,4 +1,4 @@
-"""The export of a run's single joint: one draw of its posterior, with the bands of all draws."""
+"""The export of a run's single joint: one posterior draw, with the bands of all draws."""
 
 import warnings
 from collections.abc import Iterable, Mapping
@@ -43,9 +43,9 @@ from jbw.verification.predictive_basis import (
 NUM_DRAWS = 1000  # number of draws from which the bands of the backbone are computed
 NUM_AMPLITUDES = 100
 MARKS = tuple(f"q{1000 * q:03.0f}" for q in QUANTILES)
-NAMES = ("frequency", "damping", "force")  # quantities in a table of the backbone
+NAMES = ("frequency", "damping", "force")  # quantities in the table of the backbone
 COLUMNS = ("frequency_hz", "damping_ratio", "force_n")
-# Parameters of the whole joint, in addition to the parameters of its laws.
+# Parameters of the whole joint, in addition to those of its laws.
 LINEAR = (
     Quantity("mass", "m", "kg", "modal mass", 0.0),
     Quantity("spring", "k", "N/m", "stiffness of the spring parallel to the laws"),
@@ -185,7 +185,7 @@ def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[i
 
 
 def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Export:
-    """Return an export in which the draw with a given number represents the joint."""
+    """Return a copy of an export for another draw, given by its number and values."""
     theta = {name: float(values[0]) for name, values in draw.items()}
     laws, mass = result.laws, result.mass
     return replace(
@@ -200,7 +200,7 @@ def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Expor
 
 
 def every_draw(basis: Basis) -> Draws:
-    """Return all draws of the main posterior and fixed parameters, without the source's gain."""
+    """Return all draws of the main posterior, with fixed parameters, without the source gain."""
     sizes = basis.posterior.sizes
     draws = basis.thinned(max(2, sizes["chain"] * sizes["draw"]))
     draws.pop("gain", None)
@@ -247,7 +247,7 @@ def _require_positive(**arguments: float) -> None:
 
 # -- what it is ------------------------------------------------------------------------------------
 def verdict_of(summary: RunSummary) -> Iterable[str]:
-    """Yield the line on the run's verdict and the first reason for it."""
+    """Yield one line: the run's verdict with its main reason."""
     status = summary.verdict.status or "not assessed"
     findings = [row for row in summary.verdict.findings if row.status == status]
     if status == "ok":
@@ -255,7 +255,7 @@ def verdict_of(summary: RunSummary) -> Iterable[str]:
     else:
         why = findings[0].reason if findings else messages.NO_VERDICT
     words = messages.verdict_of(summary.campaign, status, why)
-    # Text from a file must not end this comment line.
+    # A line break in a campaign's text must not end this comment line.
     yield printable(" ".join(words.replace(" :", ":").split()))
 
 
@@ -267,7 +267,7 @@ def origin(
     bands: Bands,
     laws: Laws,
 ) -> Iterable[str]:
-    """Yield sentences on whether the exported draw lies within the intervals of all draws."""
+    """Yield sentences on whether the exported draw lies within the 99 % intervals of all draws."""
     for name, unit, values in products_of(draws, laws):
         low, _, high = band(values)
         value = values[number]
@@ -299,14 +299,14 @@ def _parameters(
 def parameter_row(
     convention: str, name: str, unit: str, value: float, values: NDArray[np.float64]
 ) -> dict[str, Any]:
-    """Return a table row: an exported parameter with sd and quantiles of all draws."""
+    """Return a table row: the exported value of a parameter, with sd and quantiles of all draws."""
     facts = {"value": value, "sd": float(np.std(values))}
     facts |= dict(zip(MARKS, map(float, band(values)), strict=True))
     return {"convention": convention, "parameter": name, "unit": unit, **facts}
 
 
 def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[str, Conversion]:
-    """Return the parameters in other conventions, if these describe the joint's single law."""
+    """Return the parameters in other conventions; empty unless the joint has a single law."""
     joint = oscillator_of(theta, laws)
     if len(joint.laws) != 1:
         return {}
@@ -320,7 +320,7 @@ def backbone_table(
     laws: Laws,
     mass: float = 1.0,
 ) -> Table:
-    """Return a table of the backbone: frequency, damping and force [N] of one draw, with bands.
+    """Return one draw's backbone as a table (frequency, damping, force), with bands of all draws.
 
     Quantities without bands are left out.
     """

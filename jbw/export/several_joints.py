@@ -1,4 +1,4 @@
-r"""The export of several joints to the program whose matrices they were identified with.
+r"""The export of several joints to the program from which their structure's matrices came.
 
 A joint acts across its motion $x_j = w_j^Tq$, in physical units: it consists of the laws and a
 spring with the rest of the fully stuck stiffness, $k_j - \sum_lK_l$. Its force $F_j$ acts on the
@@ -43,9 +43,9 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, Draws, Laws, basis_of, count_of
 
 SI = "SI"
-UNIT_MASS = 1.0  # The laws of several joints are in newtons, not divided by a modal mass.
+UNIT_MASS = 1.0  # The forces of several joints are in newtons, not divided by a modal mass.
 FACTOR = LINEAR[0]._replace(unit="1", meaning=messages.LAW_FACTOR)
-# The force is left out, because it belongs to one point of the structure.
+# The backbone has no column of force, because a force belongs to one point of the structure.
 BACKBONE_NAMES = NAMES[:2]
 
 
@@ -100,7 +100,7 @@ class JointsExport:
 def export_joints(
     tree: xr.DataTree, *, draw: int | None = None, summary: RunSummary | None = None
 ) -> JointsExport:
-    """Export all joints of a run at the draw of highest posterior density, or a given draw.
+    """Export all joints of a run, for the most probable draw or a given draw.
 
     Args:
         tree: Result of the run.
@@ -209,7 +209,7 @@ def refuse_options_of_one_joint(**options: Any) -> None:
 def _cards(
     draws: Draws, basis: Basis, assembly: ModelJoints, tree: xr.DataTree
 ) -> list[tuple[JointCard, ...]]:
-    """Return the exported joints that have laws, for every draw."""
+    """Return, for every draw, the joints that have laws, ready for export."""
     count = count_of(draws)
     per_joint = []
     for model_joint in assembly.joints:
@@ -284,7 +284,7 @@ def _exports(
 def _plain(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits
 ) -> tuple[Draws, tuple[Quantity, ...]]:
-    """Return a joint's parameters in given units, named without the joint, and their table."""
+    """Return a joint's parameters in given units, named without the joint, with definitions."""
     count = count_of(draws)
     values: Draws = {
         "omega_n": np.full(count, np.sqrt(units.value(model_joint.stiffness, "N/m"))),
@@ -306,7 +306,7 @@ def _plain(
 
 
 def _losing_at(skeleton: Table, hz: float, time: float) -> Table:
-    """Return a force-displacement table whose dashpots lose as much as the joint at a frequency.
+    """Return a force-displacement table with dashpots that lose as much as the joint at `hz`.
 
     The values of the table are in a system whose unit of time has `time` seconds.
     """
@@ -326,7 +326,7 @@ def _modal(theta: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 # -- words and tables ------------------------------------------------------------------------------
 def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
-    """Yield sentences on each mode's fully stuck frequency: as identified, and by the matrices."""
+    """Yield sentences on each mode's fully stuck frequency: identified, and from the matrices."""
     model_hz = tree["joints"].to_dataset()["frequency_hz"].values
     pairs = zip(_modal(draw)[::2], _modal(draw)[1::2], model_hz, strict=True)
     for i, (omega, zeta, hz) in enumerate(pairs, start=1):
@@ -337,7 +337,7 @@ def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
 
 
 def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
-    """Yield a sentence on where each joint acts and its stiffness; note joints without a law."""
+    """Yield a sentence on each joint: its location, its stiffness, and whether it has a law."""
     by_name = {card.name: card for card in cards}
     for model_joint in assembly.joints:
         units = joint_units(assembly.units, rotates=rotates(model_joint.terms))
@@ -356,7 +356,7 @@ def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
 def _parameters(
     draws: Draws, number: int, assembly: ModelJoints, laws: Laws
 ) -> Iterable[dict[str, Any]]:
-    """Yield rows of the parameter table: modes, then each joint's laws in SI and matrix units."""
+    """Yield parameter rows: modes, then each joint's laws in SI and in units of the matrices."""
     for quantity in (*_modal(draws), *motion_factors_in(draws).values()):
         values = draws[quantity.name]
         row = parameter_row(SI, quantity.name, quantity.unit, float(values[number]), values)
@@ -376,7 +376,7 @@ def _parameters(
 
 
 def _loops(cards: Sequence[JointCard]) -> Mapping[str, Sequence[Any]]:
-    """Return the steady loops of all joints in SI, one below the other in one table."""
+    """Return the steady loops of all joints in SI, joined into one table."""
     names = ("joint", "motion_peak", "motion", "force")
     columns: dict[str, list[Any]] = {name: [] for name in names}
     for card in cards:

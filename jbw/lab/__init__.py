@@ -1,1 +1,1 @@
-"""Tests of the procedure: do its intervals contain the truth, and do its samplers agree?"""
+"""Tests of the method: whether its intervals contain the truth, and whether its samplers agree."""

@@ -1,4 +1,4 @@
-"""The calibration of a step by `jbw.sbc`: does it contain the truth as often as it states?"""
+"""Calibration of an identification step by `jbw.sbc`: how often its intervals contain the truth."""
 
 import logging
 from dataclasses import dataclass
@@ -32,13 +32,14 @@ logger = logging.getLogger("jbw")
 OWN = "own"  # name of the step if the user gives the posterior
 REPLICATIONS = {"linear": 1000, "third_order": 1000, "opening": 1000, "joint": 200}
 NOISES = ("unknown", "known")
-# For each step: short tests of the rig, tests from a campaign, and the posterior.
+# For each step: short tests on the virtual rig, tests of a campaign, and the step's posterior.
 DESIGNS = {
     "third_order": (designs.probing, designs.probing_of, models.third_order),
     "opening": (designs.opening, designs.opening_of, models.opening),
     "joint": (designs.joint, designs.joint_of, models.joint),
 }
-# numbers of draws, of chains that start near a fit, and of chains that start anywhere in the prior
+# Draws and warm-up draws per chain: for chains that start near a fit, and for chains that start
+# anywhere in the prior.
 SHORT = {"num_warmup": 30, "num_samples": 125}
 LONG = {"num_warmup": 500, "num_samples": 500}
 COUNTS = {
@@ -54,7 +55,7 @@ STEPPED = {"importance": {"num_samples": 128, "num_draws": 2048}}
 
 @dataclass(frozen=True)
 class Sbc:
-    """The result of a calibration by `sbc`."""
+    """The result of a simulation-based calibration by `sbc`."""
 
     calibration: Calibration  # ranks, coverage, failures and the verdict
     tree: xr.DataTree  # the ranks, with labels
@@ -80,7 +81,7 @@ def sbc(
     prior: Prior | None = None,
     parts: Parts = unkept,
 ) -> Sbc:
-    """Draw true values from the prior, simulate, identify, and rank each in its posterior.
+    """Draw true values from the prior, simulate, identify; rank the truth among posterior draws.
 
     Your own posterior is calibrated with its `simulate`, `log_likelihood` and `prior`, all three;
     the samplers of jbw draw from it. The functions must be traceable by JAX, over many truths at
@@ -173,7 +174,7 @@ def sbc(
 def _step_of(
     step: str, campaign: Campaign | None, noise: str, report: Report
 ) -> models.CalibratedStep:
-    """Return a step of the procedure with its simulated tests, ready for calibration."""
+    """Return a step of the identification with its simulated tests, ready for calibration."""
     of_rig, of_campaign, posterior = DESIGNS[step]
     design = of_rig() if campaign is None else of_campaign(campaign, report)
     noise_options = {"known_noise": noise == "known"} if step == "third_order" else {}
@@ -186,7 +187,7 @@ def _own_step(
     log_likelihood: LogLikelihood | None,
     prior: Prior | None,
 ) -> models.CalibratedStep | None:
-    """Return the user's posterior if it is given completely; None if it is not given."""
+    """Return the user's own posterior as a step; None if the user gives none."""
     if simulate is None and log_likelihood is None and prior is None:
         return None
     if simulate is None or log_likelihood is None or prior is None or campaign is not None:
@@ -222,9 +223,9 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
 
 
 def suited(step: models.CalibratedStep, name: str) -> tuple[Model, Sampler, Any]:
-    """Return a sampler with numbers of draws that suit a calibration of many posteriors."""
-    # A least-squares fit finds the posterior first if the model steps through time or the sampler
-    # needs it. All other samplers start from the whole prior, as in a campaign.
+    """Return model, sampler and options, with numbers of draws that suit a calibration."""
+    # If the model steps through time or the sampler needs it, a least-squares fit finds the
+    # posterior first. All other samplers start from the whole prior, as in a campaign.
     sampler, model = sampler_named(name), step.model
     size = len(model.box.names)
     if sampler.needs_fit and model.search is None:
@@ -250,7 +251,7 @@ def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
     failed = calibration.failed.astype("int8")
     variables: dict[str, Any] = {"failed": ("replication", failed, {"units": "1"})}
     for i, name in enumerate(calibration.names):
-        # The kernel h3 has the name `h3_18Hz` in that table.
+        # The kernel value `h3_18Hz` is listed as `h3` in the table of units.
         stem = "h3" if name.startswith("h3_") else name
         unit = attrs_by_name.get(stem, {"units": "1"})["units"]
         below = {"long_name": messages.rank_below(name), "units": "1", "quantity_units": unit}

@@ -1,4 +1,4 @@
-"""The tests that a calibration simulates: those of a campaign, or of the virtual rig.
+"""The tests that a calibration simulates: those of a campaign, or short ones on the virtual rig.
 
 The rig's tests have a poor laser: noise of 1 mm/s, twenty times the rig's, leaves posteriors with a
 finite width, and a ridge of alpha and delta whose thickness is a hundredth of its length.
@@ -43,13 +43,13 @@ LEVELS = (0.05, 0.20)  # levels of the source [V]
 # sampling frequency [Hz], length of the sweep [s], number of samples
 FS, BURST, LENGTH = 256.0, 1.75, 512
 SWEPT_HZ = (10.0, 28.0)
-FADE = 0.25  # length of the fades at both ends [s]: an abrupt start is not band-limited
-LINES_HZ = (16.0, 21.6, 0.05)  # first and last spectral line, and spacing of lines [Hz]
+FADE = 0.25  # length of the fades at both ends [s]; an abrupt start would not be band-limited
+LINES_HZ = (16.0, 21.6, 0.05)  # first and last spectral line, and their spacing [Hz]
 LINE_NOISE = 0.01  # noise of a complex spectral line, relative to the largest line
 
 
 class Design[Data: KernelData | Records](NamedTuple):
-    """The tests whose data are simulated; of measured data, only prescribed quantities are used."""
+    """The tests that a calibration simulates, with the prior; of measured tests only the inputs."""
 
     data: Data
     prior: Box  # prior of the inferred parameters
@@ -57,7 +57,7 @@ class Design[Data: KernelData | Records](NamedTuple):
 
 
 def probing(num_repeats: int = REPEATS) -> Design[KernelData]:
-    """Return tests for zeta, alpha and delta: five probing tones, prior ranges of Teloli et al."""
+    """Return tests for zeta, alpha and delta: five tones, with the prior ranges of Teloli et al."""
     size = len(PROBING_HZ)
     data = KernelData(
         omega=2 * np.pi * jnp.array(PROBING_HZ),
@@ -72,7 +72,7 @@ def probing(num_repeats: int = REPEATS) -> Design[KernelData]:
 
 
 def _sweeping(noise_std: float) -> Records:
-    """Return four repeats of two 2 s sweeps through the resonance, with this noise per sample."""
+    """Return four repeats of two 2 s sweeps through the resonance, with given noise."""
     t = np.arange(LENGTH) / FS
     rise = np.where(t < FADE, (1 - np.cos(np.pi * t / FADE)) / 2, 1.0)
     tests = []
@@ -87,14 +87,14 @@ def _sweeping(noise_std: float) -> Records:
 
 
 def opening() -> Design[Records]:
-    """Return tests for gamma alone: both sweeps, with the prior range of Teloli et al."""
+    """Return tests for gamma alone: two sweeps, with the prior range of Teloli et al."""
     held = {name: value for name, value in truth().items() if name not in step4.NAMES}
     prior = box({name: PRIOR[name] for name in step4.NAMES})
     return Design(_sweeping(5 * VELOCITY_NOISE), prior, held)
 
 
 def joint() -> Design[Records]:
-    """Return tests for all parameters: both sweeps, with the prior ranges of Teloli et al.
+    """Return tests for all parameters: two sweeps, with the prior ranges of Teloli et al.
 
     The prior ranges of omega_n extend 1 % to both sides, those of the gain 5 %.
 
@@ -107,7 +107,7 @@ def joint() -> Design[Records]:
 
 
 def lines() -> tuple[FRF, Box]:
-    """Return spectral lines of an FRF around the resonance without leakage, and Step 2's prior."""
+    """Return FRF lines near the resonance, and the prior of omega_n, zeta and gain."""
     first, last, spacing = LINES_HZ
     freq = np.arange(first, last, spacing)
     omega_n, zeta = truth()["omega_n"], truth()["zeta"]
@@ -124,13 +124,13 @@ def lines() -> tuple[FRF, Box]:
 
 
 def truth() -> dict[str, float]:
-    """Return the parameters of the rig: Table 1 of Teloli et al., with the gain of the rig."""
+    """Return the rig's parameters: Table 1 of Teloli et al. and the gain of the virtual rig."""
     parameters = as_oscillator(TRUTH).parameters()
     return {**{name: float(value) for name, value in parameters.items()}, "gain": GAIN}
 
 
 def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
-    """Return what Step 3 of a campaign uses: tones, displacements, noise and prior."""
+    """Return the part of a campaign that Step 3 (kernel fit) uses: tones, noise and prior."""
     report(stages.design(3))
     fitted = _kernel_fit(campaign, _linear(campaign))
     counts = np.unique(np.asarray(fitted.data.num_repeats)).astype(int)
@@ -143,7 +143,7 @@ def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
 
 
 def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Return what Step 4 of a campaign uses: sweeps, noise, prior, and results of Steps 2 and 3."""
+    """Return what Step 4 (gamma) of a campaign uses: sweeps, prior, results of Steps 2 and 3."""
     report(stages.design(4))
     sweeps = sweep_tests(campaign.tests, campaign.settings)
     if sweeps is None:
@@ -157,7 +157,7 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
 
 
 def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Return a campaign's sweeps, noise and prior for the joint posterior, without other data."""
+    """Return a campaign's sweeps and prior for the joint posterior, or raise an error."""
     seen = measured_in(campaign, report)
     posterior = posterior_of("joint", seen, report=report)
     data = posterior.data
@@ -189,7 +189,7 @@ def _kernel_fit(campaign: Campaign, linear: LinearStep) -> step3.KernelFit:
 
 
 def _timed(records: Records) -> Records:
-    """Return records if they can be simulated: time data from rest with several repeats."""
+    """Return the records if they can be simulated: time data from rest with several repeats."""
     wrong = {
         "a band": records.lines is not None,
         "whole periods": records.periodic,

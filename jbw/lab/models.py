@@ -1,12 +1,8 @@
-"""The posteriors of the procedure with simulators of their data, ready for calibration.
+"""The posteriors of the identification's steps, with simulators of their data, for calibration.
 
 A simulator takes a random key, the true parameters and a design, and returns data in the form of
-the design. It has its own code for every law, so that a factor missing in a likelihood is not
-missing here, too.
-
-A simulator takes a key, the true parameters and a design, and returns data in the form of the
-design. The rig has its own code for every law, so that a factor missing in a likelihood is not
-missing here as well.
+the design. The simulators have separate code for every law, so that an error in a likelihood is not
+repeated here.
 """
 
 from collections.abc import Callable, Iterable
@@ -54,13 +50,13 @@ from jbw.rig.integrator import Specimen, State, doubles, runge_kutta
 from jbw.rig.law_forces import forces_of
 
 WHERE = 0.55  # fraction of a record after which a sweep has just passed the resonance
-LOT = 100  # number of replications of Step 2 per progress message
-DRAWS = (4, 250)  # numbers of chains and of draws per chain in Step 2
+LOT = 100  # number of replications of Step 2 (FRF fit) per progress message
+DRAWS = (4, 250)  # numbers of chains and of draws per chain in Step 2 (FRF fit)
 STEPS = 8  # number of Runge-Kutta steps between two samples
 
 
 class CalibratedStep(NamedTuple):
-    """A step of the procedure with all that its calibration needs."""
+    """A step of the identification with its model, sampler and batch size for a calibration."""
 
     model: Model  # posterior, simulator, quantities, and the least-squares search for the posterior
     batch: int  # number of replications that run in parallel
@@ -69,7 +65,7 @@ class CalibratedStep(NamedTuple):
 
 
 def third_order(design: Design[KernelData], *, known_noise: bool = False) -> CalibratedStep:
-    """Return the model of Step 3: zeta, alpha, delta (unknown noise) from the kernel, Eq. (36)."""
+    """Return the model of Step 3: zeta, alpha, delta from the third-order kernel, Eq. (36)."""
     data = design.data
     simulate = Partial(
         simulated_kernel.measured_kernel,
@@ -97,7 +93,7 @@ def opening(design: Design[Records]) -> CalibratedStep:
 
 
 def joint(design: Design[Records]) -> CalibratedStep:
-    """Return the model of the joint step: all parameters from sweeps."""
+    """Return the model of the joint posterior: all parameters from sweeps."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> Dataset:
         records = measured_records(key, _with_held(theta, design), design.data)
@@ -115,14 +111,14 @@ def _with_held(theta: Theta, design: Design[Records]) -> Theta:
 
 
 def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
-    """Return the response to the highest level at one time, shortly after the resonance."""
+    """Return the response to the highest input level, shortly after the resonance is passed."""
     records = cast(Records, data.parts[0])
     at = round(WHERE * records.source.shape[-1])
     return records.predict({**data.held, **theta})[-1, at]
 
 
 def _products(prior: Box) -> tuple[dict[str, Quantity], tuple[str, ...]]:
-    """Return the products that data determine better than their factors, and positive factors."""
+    """Return products that data determine better than their factors, and the positive factors."""
     every = combinations(prior.names)
     known_products = [product for product in every if set(product.factors) == product.powers.keys()]
     factors = {name for product in known_products for name in product.powers}
@@ -144,7 +140,7 @@ def calibrate_linear(
     report: Callable[[int], None] = lambda done: None,
     parts: Parts = unkept,
 ) -> Calibration:
-    """Rank omega_n, zeta and gain of Step 2 in N(theta, C) of line fits, Eqs. (23), (38), (39)."""
+    """Rank true omega_n, zeta and gain among draws of Step 2's FRF fits, Eqs. (23), (38), (39)."""
 
     def replicated(lot: Key[Array, " replication"]) -> list[tuple[NDArray, NDArray, bool]]:
         return [_line_replication(one, design, prior) for one in lot]
@@ -165,12 +161,11 @@ def calibrate_linear(
 def _line_replication(
     key: Key[Array, ""], design: FRF, prior: Box
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
-    """Return the quantities at the true values and at the draws, and whether the fit converged."""
+    """Simulate and fit FRF lines once; return the truth, draws, and whether the fit converged."""
     rng = generator(key)
     point = from_unit(rng.uniform(size=3), prior)
     theta = np.array([float(point[name]) for name in NAMES])
-    # The formula is repeated here, because a call of the likelihood would hide an error of its
-    # formula.
+    # The formula is repeated here: a call of the likelihood would hide an error in it.
     omega_n, zeta, gain = theta
     stiffness = omega_n**2 - design.omega**2 + 2j * zeta * omega_n * design.omega
     # Real and imaginary part each have half of the variance.
@@ -187,14 +182,14 @@ def _line_replication(
 
 
 def _line_log_likelihood(theta: Float[np.ndarray, "... 3"], measured: FRF) -> NDArray[np.float64]:
-    """Return the log likelihood of all lines, up to a constant [nats]."""
+    """Return the log likelihood of all FRF lines, up to a constant [nats]."""
     omega_n, zeta, gain = np.moveaxis(theta[..., None], -2, 0)
     misfit = measured.h - receptance(measured.omega, omega_n, zeta, gain)
     return -np.sum(np.abs(misfit) ** 2 / measured.variance, axis=-1)
 
 
 def measured_records(key: Key[Array, ""], theta: Theta, design: Records) -> Records:
-    """Simulate noisy repeats: v + sigma eta / sqrt(K), and variance sigma^2 chi^2_(N (K - 1))."""
+    """Simulate noisy repeats: mean v + sigma eta / sqrt(K), variance sigma^2 chi^2_(N (K - 1))."""
     key_mean, key_within = jax.random.split(key)
     count, size = design.groups.num_repeats, design.source.shape[-1]
     noise_std = design.groups.noise_std
@@ -219,12 +214,13 @@ def motion(
 
     The time integration uses Runge-Kutta steps.
     """
-    # The force between samples follows from the spectrum of the samples; both ends are at rest.
+    # The force between samples follows from the spectrum of the samples, because both ends are at
+    # rest.
     joint = oscillator_of(theta, laws)
     # pyright: ignore[reportArgumentType]
     specimen = Specimen(joint.omega_n, joint.zeta, forces_of(joint.laws, jnp.asarray))  # pyright: ignore[reportArgumentType]
     h, size = 1 / (fs * STEPS), force.shape[-1]
-    # Zeros added to the spectrum give the input at the ends and in the middle of the steps.
+    # Zeros appended to the spectrum interpolate the input at the ends and middles of the steps.
     fine = jnp.fft.irfft(jnp.fft.rfft(force), 2 * STEPS * size) * 2 * STEPS
     ends = jnp.concatenate([fine, fine[:1]])
     at = jnp.stack([ends[:-1:2], ends[1::2], ends[2::2]], axis=-1).reshape(size, STEPS, 3)

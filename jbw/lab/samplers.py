@@ -57,7 +57,7 @@ class Comparison:
 
 
 class Drawn(NamedTuple):
-    """The draws of a sampler's last call, and how long its calls took."""
+    """The draws of a sampler's last call, and the durations of its calls."""
 
     tree: xr.DataTree
     cold_s: float  # seconds of the first call, with compilation
@@ -78,7 +78,7 @@ def compare(
     watch: Watch = lambda name, so_far: None,
     parts: Parts = unkept,
 ) -> Comparison:
-    """Draw from one posterior of a campaign with several samplers and compare the results.
+    """Draw from one posterior of a campaign with several samplers and compare their estimates.
 
     Args:
         campaign: Campaign from `jbw.load_campaign` or the virtual rig, or an available posterior.
@@ -151,7 +151,7 @@ def compare(
 
 
 def suited(posterior: Posterior) -> tuple[str, ...]:
-    """Return the names of the samplers that draw from a posterior by default."""
+    """Return the names of the samplers that `compare` uses by default for a posterior."""
     size = len(posterior.box.names)
     suitable = [
         sampler
@@ -179,7 +179,8 @@ def _drawn(
     coordinates = None
     if posterior.stepped:  # All chains start at the fit, as in an identification.
         coordinates = in_box(posterior.box, best.theta, best.covariance, num_chains)
-    # These chains start along the ridge of the fit; other samplers start from the whole prior.
+    # These chains start along the ridge of the fit; chains of other samplers start from the whole
+    # prior.
     elif not entry.from_prior:
         coordinates = along_ridge(best.theta, best.covariance, posterior.box)
     parallel = "parallel" if jax.device_count() > 1 and num_chains % 2 == 0 else "sequential"
@@ -261,14 +262,14 @@ def save_comparison(folder: Path, found: Comparison) -> None:
 
 
 def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
-    """Return one parameter's mean, sd, q010, q500, q990, mcse_ of each, ess_bulk, ess_tail, r_hat.
+    """Return a parameter's mean, sd, q010, q500, q990, mcse_ of each, ess_bulk, ess_tail, r_hat.
 
     Values that cannot be computed are None. Vehtari et al. (2021), Bayesian Analysis 16, 667.
     """
     # The import takes a second and is needed only here.
     from arviz_stats.base.array import array_stats
 
-    # The annotations of this function allow tuples, which it never returns here.
+    # The annotations of `summary` allow tuples, which it never returns here.
     stats: Any = array_stats
     row = {"mean": np.mean(draws), "sd": np.std(draws, ddof=1)}
     row |= {name: np.quantile(draws, probability) for name, probability in QUANTILES.items()}
@@ -282,7 +283,7 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
-    """Return a posterior's numbers from the table of a quadrature, with the table's errors."""
+    """Return a posterior's numbers as computed by quadrature, with the errors of the quadrature."""
     table = tree["exact"].to_dataset()
     error = float(tree.attrs["quadrature_error"])
     rows: dict[str, Row] = {}
@@ -297,14 +298,14 @@ def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
 
 
 def worst_ess(rows: Mapping[str, Row]) -> float | None:
-    """Return the smallest effective sample size (bulk or tail) of all parameters."""
+    """Return the smallest effective sample size (bulk or tail) among all parameters."""
     sizes = [row[kind] for row in rows.values() for kind in ("ess_bulk", "ess_tail")]
     available = [value for value in sizes if value is not None]
     return min(available) if available and len(available) == len(sizes) else None
 
 
 def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
-    """Return the sampler with the most effective draws, preferably one whose chains agree."""
+    """Return the sampler of largest effective sample size, if possible with small R-hat."""
 
     def agrees(sampler: str) -> bool:
         r_hats = [row["r_hat"] for row in rows[sampler].values()]
@@ -315,7 +316,7 @@ def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
 
 
 def distances(row: Row, reference: Row) -> dict[str, float | None]:
-    """Return the standardised distances of all quantities from a reference, with keys z_NAME."""
+    """Return each estimate's standardised distance from a reference, with keys z_NAME."""
     return {f"z_{name}": distance(row, reference, name, f"mcse_{name}") for name in QUANTITIES}
 
 
@@ -334,7 +335,7 @@ def distance(
 
 
 def furthest(rows: Sequence[Row]) -> float | None:
-    """Return the largest standardised distance, by absolute value; None if there is none."""
+    """Return the standardised distance of largest absolute value; None if there is none."""
     scores = [row.get(f"z_{name}") for row in rows for name in QUANTITIES]
     sizes = [abs(value) for value in scores if value is not None]
     return max(sizes) if sizes else None

@@ -1,10 +1,5 @@
 """The predictive mixture of compared laws, and the folder of a comparison.
 
-The mixture contains draws of every law in proportion to its weight, by which the laws together
-would have predicted the left-out runs best; with too few runs the best law predicts alone. Tests
-above the fitted amplitudes and tests of other kinds have weights of their own, on the laws that
-best predict the highest level, or each kind of test from the others.
-
 The mixture contains draws of every law in proportion to its weight. The weights are those with
 which the laws together would have predicted the left-out runs best; with too few runs the best law
 predicts alone. Tests beyond the fitted amplitudes and tests of other kinds have separate weights,

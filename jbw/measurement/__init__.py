@@ -1,1 +1,1 @@
-"""The records of tests, and estimates from them that need no model of a joint."""
+"""Records of tests, and quantities estimated from them without a model of a joint."""

@@ -1,4 +1,4 @@
-r"""Records of a structure on a moving base, converted to records of a structure under a force.
+r"""Records of a structure on a moving base, converted to records of the structure under a force.
 
 With the motion $y$ of a point relative to the base, the acceleration $a_b$ of the base and the
 participation $p$ of the mode, of a shape that is 1 at the point,
@@ -17,7 +17,7 @@ MINUS_BASE = "input"  # role of -a_b
 
 
 def beside_base(record: Record, *, is_relative: bool) -> Record:
-    """Return a record with the motion relative to its base and the equivalent force per mass.
+    """Return a record with the motion relative to the base, and the equivalent force per mass.
 
     Args:
         record: Record that includes the acceleration of the base [m/s^2].

@@ -1,4 +1,4 @@
-"""Checks and conversions of channels (float arrays) on which every estimator relies."""
+"""Checks and conversions of channels (arrays of floats), used by all estimators."""
 
 from collections.abc import Sequence
 from math import comb
@@ -10,12 +10,14 @@ from jbw.errors import ConfigError, DataError
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-# The tolerance is relative, so that a line on the edge of a band, or a whole number of samples,
-# counts as such in every unit of time.
+# This tolerance is relative, so that a spectral line on the edge of a band counts as inside, and an
+# almost whole number of samples as whole, in every unit of time.
 ROUNDING = 1e-9
-DIFFERENCES = 6  # order of the differences: they retain 0.8 % of a sine of eight samples a period
+# order of the differences; they retain 0.8 % of a sine with eight samples per period
+DIFFERENCES = 6
 OF_NORMAL = 0.6745  # median of the absolute value of a standard normal variable
-ALIKE = 1.2  # ratio of neighbouring strengths below which two records count as equally strong
+# Two records count as equally strong if the ratio of their strengths is smaller than this.
+ALIKE = 1.2
 
 
 def channel(x: ArrayLike, name: str) -> Reals:
@@ -59,7 +61,7 @@ def same_length(**channels: Reals) -> None:
 
 
 def noise_of(x: Reals) -> float:
-    r"""Return the standard deviation of the white noise of a signal from its sixth differences.
+    r"""Estimate the standard deviation of a signal's white noise from its sixth differences.
 
     $$\frac{\mathrm{med}\,|\Delta^6 x|}{0.6745 \sqrt{\sum_k \binom 6 k^2}}$$
 
@@ -80,18 +82,18 @@ def sampling(fs: float) -> float:
 
 
 def lines_within(freq: Reals, band: Sequence[float]) -> NDArray[np.bool_]:
-    """Return a mask of the spectral lines in a band, edges included; both are in the same unit."""
+    """Return a mask of the spectral lines in a band, including the edges; units must be equal."""
     low, high = band
     return (freq >= low * (1 - ROUNDING)) & (freq <= high * (1 + ROUNDING))
 
 
 def whole_down(number: float) -> int:
-    """Round a number down; a value that is below a whole number only by round-off becomes it."""
+    """Round a number down; a number that is whole except for round-off stays that number."""
     return int(np.floor(number + ROUNDING * abs(number)))
 
 
 def whole_up(number: float) -> int:
-    """Round a number up; a value that is above a whole number only by round-off becomes it."""
+    """Round a number up; a number that is whole except for round-off stays that whole number."""
     return int(np.ceil(number - ROUNDING * abs(number)))
 
 
@@ -114,7 +116,7 @@ def rms(values: ArrayLike) -> float:
 
 
 def strength_ranks(sizes: Sequence[float]) -> NDArray[np.int64]:
-    """Return the rank of each strength, 0 for the largest; nearly equal neighbours share a rank."""
+    """Rank strengths from 0 for the largest; nearly equal strengths get the same rank."""
     values = np.asarray(sizes, float)
     falling = np.argsort(-values, kind="stable")
     is_weaker = values[falling][1:] < values[falling][:-1] / ALIKE

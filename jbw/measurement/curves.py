@@ -1,4 +1,4 @@
-"""Measurements without a time history of the oscillator: response curves and forced loops."""
+"""Measurements of an oscillator other than time records: response curves and force loops."""
 
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from jbw.quantities import Motion, derivative_order
 
 
 class MeasuredCurve(NamedTuple):
-    """A measured harmonic response at each frequency; the excitation may vary between them."""
+    """A measured response at each frequency of a harmonic excitation, whose level may vary."""
 
     freq_hz: Reals  # excitation frequencies, in the order of the file [Hz]
     source: Reals  # peak amplitude of the excitation, whose phase is zero
@@ -26,12 +26,12 @@ class MeasuredCurve(NamedTuple):
 
 
 class ForcedLoop(NamedTuple):
-    """A joint driven through a prescribed displacement while its force is measured."""
+    """A force loop: displacement is prescribed to a joint and the joint's force is measured."""
 
     fs: float  # sampling frequency [Hz]
     displacement: Reals  # [m]
     force: Reals  # force of the joint [N], positive for positive displacement
-    begins: float = 0.0  # time of the first sample in the file [s]
+    begins: float = 0.0  # time of the first sample within the file [s]
 
 
 def response_curve(record: Record) -> MeasuredCurve:
@@ -55,7 +55,7 @@ class ControlledCurve(NamedTuple):
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Mask of the points at which every measured quantity is finite."""
+        """A mask of the points at which every measured quantity is finite."""
         columns = (values for values in self if values is not None)
         return np.logical_and.reduce([np.isfinite(values) for values in columns])
 
@@ -77,7 +77,7 @@ def controlled_curve(record: Record, locked_phase: float = float("nan")) -> Cont
     amplitude = np.abs(channels[record.response]) / (2 * np.pi * freq_hz) ** order
     phase = None
     if "phase" in channels:
-        # A negative amplitude is a phase shift of half a turn.
+        # A negative amplitude means a phase shift of half a cycle.
         turned = np.where(channels[record.response] < 0, np.pi, 0.0) - 0.5 * np.pi * order
         phase = np.angle(np.exp(1j * (channels["phase"] + turned)))
     elif np.isfinite(locked_phase):
@@ -88,7 +88,7 @@ def controlled_curve(record: Record, locked_phase: float = float("nan")) -> Cont
 
 
 def displacement_of(curve: MeasuredCurve) -> Complexes:
-    """Return peak displacement [m], Y = X / (j omega)^p; p = 1 for velocity, 2 for acceleration."""
+    """Return the peak displacement Y = X / (j omega)^p [m]; p: 1 for velocity, 2 acceleration."""
     omega = 2 * np.pi * curve.freq_hz
     return curve.response / (1j * omega) ** derivative_order(curve.response_kind)
 

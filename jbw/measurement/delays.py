@@ -1,4 +1,4 @@
-"""Removal of a response's delay against the drive."""
+"""Removal of a response's delay relative to the drive."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
 
 
 def on_time(test: Test) -> Test:
-    """Return the test with its delay removed, cut to the samples with both drive and response.
+    """Remove a test's delay; keep only the samples that have both drive and response.
 
     `settle` excludes the time before the response started; the time after it ended is cut off. A
     record of whole periods is rotated instead, because its ends meet.
@@ -31,7 +31,6 @@ def on_time(test: Test) -> Test:
 
 
 def _on_time(record: Record, delay: float, *, cyclic: bool) -> tuple[Record, float]:
-    """Return the record with its delay removed, and the time without response at its start [s]."""
     whole_samples = 0 if cyclic else round(delay * record.fs)
     size = record.num_samples - abs(whole_samples)
     if size < 2:
@@ -42,7 +41,7 @@ def _on_time(record: Record, delay: float, *, cyclic: bool) -> tuple[Record, flo
         )
     response = record.channels[record.response]
     x = advance(response, delay - whole_samples / record.fs, record.fs)
-    if whole_samples < 0:  # the response leads: its first samples belong to later instants
+    if whole_samples < 0:  # If the response leads, its first samples belong to later times.
         channels = {
             **record.channels,
             record.response: np.append(np.zeros(-whole_samples), x[:size]),

@@ -1,4 +1,4 @@
-"""The complex envelope of one mode of a free decay in a band."""
+"""The complex envelope of a free decay in a band that contains one mode."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,16 +11,18 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, whole_down
 
 ATTENUATION = 80.0  # dB, outside the band
-# number of samples divided by that of half a band: the band's filter is five times as long
+# largest ratio of a record's sampling rate to half the band's width; the filter is longer by a
+# factor of five
 MOST_TAPS = 2**24
-LEAST_PER_PERIOD = 11  # samples per period of the fastest motion in the band that a solver is given
+# smallest number of samples per period of the fastest motion in the band that a solver needs
+LEAST_PER_PERIOD = 11
 
 
 @dataclass(frozen=True)
 class BandFilter:
-    """A linear-phase filter that moves a band about its centre to zero frequency."""
+    """A linear-phase band filter that shifts the centre of its band to zero frequency."""
 
-    # Edges, where the gain is one half [Hz]; the gain vanishes half a band further out.
+    # Band edges [Hz], where the gain is one half; the gain vanishes half a band width further out.
     band_hz: tuple[float, float]
     fs: float  # sampling frequency [Hz]
     taps: Reals  # impulse response of the low-pass part; an odd number, sum 1
@@ -30,7 +32,7 @@ class BandFilter:
 
     @property
     def centre_hz(self) -> float:
-        """The frequency that is moved to zero [Hz]."""
+        """The frequency that is shifted to zero [Hz]."""
         return sum(self.band_hz) / 2
 
     @property
@@ -45,13 +47,14 @@ class BandFilter:
 
 
 def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
-    """Build the Kaiser filter of a band, with 80 dB attenuation.
+    """Compute the Kaiser filter of a band, with 80 dB attenuation.
 
     Raises:
         DataError: No record resolves the band at this sampling frequency.
     """
-    # Values are spaced by 1 / B_eq, B_eq = f_s sum h^2 / (sum h)^2, the equivalent noise bandwidth:
-    # their number then equals the degrees of freedom of white noise in the band.
+    # Independent values are spaced by 1 / B_eq, where B_eq = f_s sum h^2 / (sum h)^2 is the
+    # equivalent noise bandwidth; their number then equals the degrees of freedom of white noise in
+    # the band.
     half_band = (band_hz[1] - band_hz[0]) / 2
     if half_band < fs / MOST_TAPS:
         raise DataError(
@@ -69,9 +72,9 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
 
 
 def demodulate(x: Float[np.ndarray, " time"], chosen: BandFilter) -> tuple[Reals, Complexes]:
-    """Return times [s] and envelope X(t) of a record in a band, x(t) = Re X(t) exp(j omega_0 t)."""
-    # The envelope holds peak amplitudes where the filter lies wholly inside the record. Time counts
-    # from the start of the record.
+    """Return times [s] and envelope X(t) of a band of a record x(t) = Re X(t) exp(j omega_0 t)."""
+    # The envelope is a peak amplitude and exists where the filter lies inside the record. Times
+    # count from the start of the record.
     if len(x) <= 2 * chosen.half:
         raise DataError(
             f"A band of {chosen.band_hz[1] - chosen.band_hz[0]:g} Hz takes a record longer than "

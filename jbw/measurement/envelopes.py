@@ -1,4 +1,4 @@
-"""Envelopes of free decays in a band, and the filter of the band."""
+"""Envelopes of free decays in a band, and the filter for a test's band."""
 
 from collections.abc import Sequence
 
@@ -23,7 +23,7 @@ def filter_of(test: Test) -> BandFilter:
 
 
 def envelopes(test: Test) -> list[np.ndarray]:
-    """Return the envelope of each record of a test, at the full sampling rate, after `settle`."""
+    """Return the envelope of each record of a test after `settle`, at the full sampling rate."""
     chosen = filter_of(test)
     return [
         demodulate(record.channels[record.response][round(test.settle * record.fs) :], chosen)[1]
@@ -32,7 +32,7 @@ def envelopes(test: Test) -> list[np.ndarray]:
 
 
 def bands_of(modes_hz: Sequence[float], test: Test) -> list[tuple[float, float]]:
-    """Return a band [Hz] about each mode, narrow enough to exclude the other modes.
+    """Return a band [Hz] about each mode that is narrow enough to exclude the other modes.
 
     Raises:
         DataError: A mode does not lie in the band of the test, or the test states no band.

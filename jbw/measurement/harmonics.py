@@ -14,36 +14,36 @@ from jbw.measurement.channels import Complexes, Reals, channel, sampling
 from jbw.quantities import Motion, derivative_order
 
 DRIFT_LIMIT = 0.01
-NOISE_FLOOR = 3.0  # standard errors
-# Bins of the residual's spectrum that are averaged for the noise at a harmonic: the estimate varies
-# by 12 %, over a width of 64 / (duration) in which the spectrum must not bend.
+NOISE_FLOOR = 3.0  # number of standard errors above which a value is not noise
+# Number of bins of the residual's spectrum that are averaged for the noise at a harmonic: the
+# estimate varies by 12 %, over a width of 64 / (duration) in which the spectrum must be smooth.
 NEAREST_BINS = 64
 
 
 @dataclass(frozen=True)
 class Harmonics:
-    """Steady harmonics y(t) = Re sum Y_n exp(j n omega t), t counted from the first sample."""
+    """Harmonics of a steady motion: y(t) = Re sum Y_n exp(j n omega t) from the first sample on."""
 
     omega: float  # angular frequency of the first harmonic [rad/s]
-    amplitudes: Complexes  # peak, of orders 1..n, shape (..., harmonic) [m]
-    # Covariance of (Re Y_1, Im Y_1, Re Y_2, ...), shape (..., 2 harmonic, 2 harmonic) [m^2].
+    amplitudes: Complexes  # peak amplitudes of orders 1..n, shape (..., harmonic) [m]
+    # covariance of (Re Y_1, Im Y_1, Re Y_2, ...), shape (..., 2 harmonic, 2 harmonic) [m^2]
     covariance: Reals
     drift: Reals  # relative change of Y_1 between the halves of the record, shape (...)
     drift_std: Reals  # standard deviation of `drift` from noise alone
     residual_std: Reals  # rms of the residual of the fit, in the measured unit
     cycles: float  # number of periods in the record
-    # Distance from omega to the nearest Fourier line, in lines; it causes no leakage in the fit.
+    # distance from omega to the nearest Fourier line, in lines; it causes no leakage in the fit
     off_bin: float
 
     @property
     def variance(self) -> Reals:
-        """The mean square error E|error|^2 of each amplitude, real plus imaginary part [m^2]."""
+        """The mean square error E|error|^2 of each complex amplitude [m^2]."""
         variances = np.diagonal(self.covariance, axis1=-2, axis2=-1)
         return variances.reshape(*self.amplitudes.shape, 2).sum(axis=-1)
 
     @property
     def is_drifting(self) -> NDArray[np.bool_]:
-        """Whether Y_1 changes between the halves by more than noise explains; shape (...)."""
+        """Whether Y_1 changes between the record's halves by more than noise; shape (...)."""
         return (self.drift > DRIFT_LIMIT) & (self.drift > NOISE_FLOOR * self.drift_std)
 
 
@@ -105,7 +105,7 @@ def harmonics(
     n = np.arange(1.0, num_harmonics + 1)
     fitted = sine_fit(y, t, tones)
     to_displacement = np.exp(1j * n * omega * delay) / (1j * n * omega) ** order
-    # Multiplying a complex amplitude by a factor rotates and scales its real and imaginary parts.
+    # Multiplication of an amplitude by a complex factor rotates and scales its two components.
     pairs = [[[f.real, -f.imag], [f.imag, f.real]] for f in to_displacement]
     turn = np.asarray(block_diag(*pairs))
     drift, drift_std = _drift(y, t, tones)
@@ -149,12 +149,12 @@ class SineFit(NamedTuple):
 
 
 def sine_fit(y: Reals, t: Reals, tones: Tones) -> SineFit:
-    """Fit constant, trend and tones to samples of shape (..., time) by least squares."""
+    """Fit a constant, a trend and tones to samples of shape (..., time) by least squares."""
     return _fitted(y, _design(t, tones), tones)
 
 
 def _design(t: Reals, tones: Tones) -> Reals:
-    """Return design rows: cos and -sin of each tone (c + js is the amplitude), constant, trend."""
+    """Return the fit's rows: cos and -sin of each tone (amplitude c + js), constant, trend."""
     turn = np.tile(np.exp(-1j * tones.omega * t), (tones.num_harmonics, 1))
     turning = np.multiply.accumulate(turn)
     others = np.exp(-1j * np.outer(np.asarray(tones.also, float), t))
@@ -174,7 +174,8 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
     factor = cho_factor(normal)
     solution = cho_solve(factor, design @ y.reshape(-1, num_samples).T).T
     residual = y - solution.reshape(*y.shape[:-1], -1) @ design
-    # A second pass on the residual recovers the digits that the normal equations lose to round-off.
+    # A second fit, of the residual, recovers the digits that the normal equations lose to
+    # round-off.
     change = cho_solve(factor, design @ residual.reshape(-1, num_samples).T).T
     solution = (solution + change).reshape(*y.shape[:-1], -1)
     residual = y - solution @ design
@@ -189,15 +190,17 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
 
 
 def _covariance(fit: SineFit, fs: float, omega: Reals) -> Reals:
-    """Return the covariance of (Re Y_1, Im Y_1, ...) for noise that may be coloured."""
-    # The covariance is (X^T X)^-1, scaled by the residual's level near each harmonic as if white.
+    """Return the covariance of (Re Y_1, Im Y_1, ...) under noise that may be coloured."""
+    # The covariance is (X^T X)^-1, scaled by the residual's level near each harmonic as if the
+    # noise were white.
     num_samples = fit.residual.shape[-1]
-    # The Hann window keeps strong remaining tones elsewhere, such as hum, out of the local bins.
+    # The Hann window keeps strong remaining tones at other frequencies, such as hum, out of these
+    # bins.
     w = np.sin(np.pi * (np.arange(num_samples) + 0.5) / num_samples) ** 2
     power = np.abs(np.fft.rfft(fit.residual * w)) ** 2 / np.sum(w**2)
     bins = np.arange(power.shape[-1])
     to_bins = num_samples / (2 * np.pi * fs)
-    # Within two bins of a fitted tone or of the constant, the fit has also absorbed the noise.
+    # Within two bins of a fitted tone or of zero frequency, the fit has also removed noise.
     free = np.all(np.abs(bins[:, None] - fit.tones * to_bins) > 2, axis=-1) & (bins > 2)
     free = np.flatnonzero(free[:-1])
     if free.size < 4:
@@ -218,7 +221,7 @@ def _halves(y: Reals, t: Reals, tones: Tones) -> list[SineFit]:
 
 
 def _drift(y: Reals, t: Reals, tones: Tones) -> tuple[Reals, Reals]:
-    """Return the first harmonic's relative change between halves, and its std from noise alone."""
+    """Return the first harmonic's relative change between halves, and its sd from noise alone."""
     parts = _halves(y, t, tones)
     first, second = (part.amplitudes[..., 0] for part in parts)
     size = np.maximum(np.abs(first), np.finfo(float).tiny)
@@ -228,7 +231,7 @@ def _drift(y: Reals, t: Reals, tones: Tones) -> tuple[Reals, Reals]:
 
 
 def _refined(y: Reals, t: Reals, tones: Tones) -> Tones:
-    """Return the tones with omega corrected so that Y_1 has the same phase in both halves."""
+    """Return the tones with a corrected omega, so that Y_1 has the same phase in both halves."""
     half = len(t) // 2
     for _ in range(4):
         first, second = (part.amplitudes[..., 0] for part in _halves(y, t, tones))
@@ -239,7 +242,7 @@ def _refined(y: Reals, t: Reals, tones: Tones) -> Tones:
 
 
 def check_tones(tones: Tones, fs: float, num_samples: int, start: float = 0.0) -> None:
-    """Raise an error if a record is too short or too coarse for a fit of the tones."""
+    """Raise an error if a record is too short or its rate too low for a fit of the tones."""
     omega, num_harmonics, also = tones
     if not (np.isfinite(omega) and omega > 0):
         raise ConfigError(f"Argument `omega` must be positive [rad/s], but it is {omega}.")
@@ -248,14 +251,14 @@ def check_tones(tones: Tones, fs: float, num_samples: int, start: float = 0.0) -
             f"Argument `num_harmonics` must be at least 1, but it is {num_harmonics}."
         )
     highest = num_harmonics * omega / (2 * np.pi)
-    if highest >= (1 - 1e-6) * fs / 2:  # the sine at the Nyquist frequency is not observable either
+    if highest >= (1 - 1e-6) * fs / 2:  # At the Nyquist frequency the sine cannot be observed.
         raise DataError(
             f"Harmonic {num_harmonics} of {omega / (2 * np.pi):.4g} Hz lies at {highest:.4g} Hz, "
             f"but a record at {fs:g} Hz ends at {fs / 2:g} Hz.",
             why="Above half the sampling frequency a harmonic folds back onto another frequency.",
             remedy=f"Sample above {2 * highest:.4g} Hz, or ask for fewer harmonics.",
         )
-    # For the drift, each half must contain a period and more samples than the fit has unknowns.
+    # To measure the drift, each half must contain a period and more samples than unknowns.
     unknowns = 2 * (num_harmonics + len(also)) + 2
     needed = max(4 * np.pi / omega, 2 * (unknowns + 1) / fs)
     if (num_samples - round(start * fs)) / fs < needed * (1 - 1e-9):

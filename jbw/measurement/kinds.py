@@ -1,4 +1,4 @@
-"""A table of every kind of test and of its properties.
+"""The kinds of test and their properties.
 
 Code asks a test for a property of its kind, `test.traits.is_steady`, and never for its name. A new
 kind needs one `register` here and one observable.
@@ -14,20 +14,27 @@ class Kind(NamedTuple):
 
     name: str  # name in a campaign file
     meaning: str  # what is done to the structure
-    # All frequencies are excited at once for a long time; averaged spectra show the linear joint.
+    # All frequencies are excited at once for a long time; averaged spectra show the linear
+    # behaviour.
     is_broadband: bool = False
-    is_transient: bool = False  # driven from rest, and simulated from there
-    is_steady: bool = False  # tones whose steady harmonics are read, simultaneous or in sequence
-    is_stepped: bool = False  # the tones come in sequence, each for a dwell time
-    is_periodic: bool = False  # the excitation repeats, so that whole periods may be cut
-    is_free: bool = False  # nothing drives the structure during the record
-    is_prescribed: bool = False  # the displacement is prescribed: nothing moves freely
-    is_curve: bool = False  # one line per frequency, not samples in time; lines may be masked
-    # A controller holds each point of a steady motion, in any order; predicted is the force that
-    # this takes and, if the controller `is_locked` to a phase, the frequency as well.
+    # whether the structure is driven from rest, so that the whole record can be simulated
+    is_transient: bool = False
+    # whether steady harmonics of tones are measured, of several tones together or one after another
+    is_steady: bool = False
+    is_stepped: bool = False  # whether the tones follow each other, each for a dwell time
+    # whether the excitation repeats, so that whole periods can be cut out
+    is_periodic: bool = False
+    is_free: bool = False  # whether nothing drives the structure during the record
+    # whether the displacement is prescribed, so that nothing moves freely
+    is_prescribed: bool = False
+    # whether the record has one line per frequency instead of samples in time; lines may be masked
+    is_curve: bool = False
+    # A controller holds each point of a steady motion, in any order. The model predicts the force
+    # that this takes and, if the controller `is_locked` to a phase, the frequency as well.
     is_controlled: bool = False
     is_locked: bool = False
-    channels: tuple[str, ...] = ()  # roles that a test must have, if no property above implies them
+    # roles that a test must have, if no property above determines them
+    channels: tuple[str, ...] = ()
 
     @property
     def is_driven(self) -> bool:
@@ -38,7 +45,7 @@ class Kind(NamedTuple):
 
     @property
     def is_cycle_by_cycle(self) -> bool:
-        """Whether tests of the kind are predicted from steady or slowly changing cycles."""
+        """Whether tests of this kind are predicted from steady or slowly changing cycles."""
         return self.is_steady or self.is_curve or self.is_free or self.is_periodic
 
     @property
@@ -51,7 +58,7 @@ KINDS: dict[str, Kind] = {}
 
 
 def register(kind: Kind) -> None:
-    """Register a kind of test for campaigns; replace any kind of equal name."""
+    """Register a kind of test for use in campaigns; replace a kind of the same name."""
     KINDS[kind.name] = kind
 
 

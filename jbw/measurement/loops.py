@@ -1,4 +1,4 @@
-r"""Force loops from records: calculus in a band, the mean cycle, and loops cycle by cycle.
+r"""Force loops from records: integration in a band, the mean cycle, and properties of each cycle.
 
 A cycle reaches from one passage of the middle to the second next. With its amplitude a and the
 secant stiffness k between its turning points,
@@ -24,18 +24,19 @@ from jbw.measurement.harmonics import Tones, check_tones, sine_fit
 
 # width of the roll-off outside the band, relative to the frequency of the band's edge
 ROLL_OFF = 0.2
-ORDER = 64  # poles, enough for about thirty tones
-RECENT = 2048  # samples next to an end from which the continuation is predicted
-MOST_HARMONICS = 25  # harmonics of a mean cycle
-TURN = 0.1  # share of the whole stroke below which a return is no reversal
-ALIKE = 0.02  # relative difference of stroke below which cycles have one amplitude
-FEWEST = 3  # cycles of one amplitude, because the first still remembers earlier motion
-AT_REST = 0.02  # share of the whole stroke within which a loop counts as beginning at y = 0
+ORDER = 64  # number of poles, enough for about thirty tones
+RECENT = 2048  # number of samples at an end from which the continuation is predicted
+MOST_HARMONICS = 25  # largest number of harmonics of a mean cycle
+# A return of the motion counts as a reversal if it exceeds this fraction of the whole stroke.
+TURN = 0.1
+ALIKE = 0.02  # relative difference of stroke below which cycles have the same amplitude
+FEWEST = 3  # number of cycles of one amplitude, because the first still depends on earlier motion
+AT_REST = 0.02  # A loop begins at y = 0 if it begins within this fraction of the whole stroke.
 TINY = 1e-300
 
 
 def enclosed_area(y: ArrayLike, force: ArrayLike) -> Reals:
-    r"""Return a loop's dissipated energy [J/kg], its area: positive if force opposes motion.
+    r"""Return the energy that a loop dissipates, its area [J/kg]; positive if force opposes motion.
 
     $$E = \oint F\,\mathrm{d}y = \pi\sum_n n\,\mathrm{Im}(F_n \bar Y_n)$$
 
@@ -51,7 +52,7 @@ def enclosed_area(y: ArrayLike, force: ArrayLike) -> Reals:
     y_k, f_k = (2 / num_samples * np.fft.rfft(x) for x in (y, force))
     k = np.arange(y_k.shape[-1])
     if num_samples % 2 == 0:
-        k[-1] = 0  # the sine at the Nyquist frequency is not observable
+        k[-1] = 0  # The sine at the Nyquist frequency cannot be observed.
     return np.pi * np.sum(k * (f_k * y_k.conj()).imag, axis=-1)
 
 
@@ -61,7 +62,7 @@ def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
     It is a fit of harmonics over all cycles, so samples need not fall on the same phases in each
     one.
     """
-    # An `omega` of zero is refused below.
+    # An `omega` of zero is rejected further below in this function.
     carried = int(0.9 * np.pi * fs / omega) if omega > 0 else 1
     tones = Tones(omega, max(1, min(MOST_HARMONICS, carried)))
     check_tones(tones, fs, x.shape[-1])
@@ -71,7 +72,7 @@ def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
 
 
 def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
-    r"""Integrate over time without drift, zero mean: X(omega) / (j omega) in a stated band.
+    r"""Integrate over time in a band, without drift and mean: X(omega) / (j omega).
 
     Outside the band the gain falls to zero over a fifth of each edge. The record is continued by
     linear prediction: steady or decaying tones are accurate to about 1e-3, worst at the ends.
@@ -86,7 +87,7 @@ def integrate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
 
 
 def differentiate(x: ArrayLike, fs: float, band: tuple[float, float]) -> Reals:
-    """Differentiate over time in a band, j omega X(omega); its upper edge limits the noise."""
+    """Differentiate over time in a band: j omega X(omega); the upper edge limits the noise."""
     return _in_band(x, fs, band, lambda omega: 1j * omega)
 
 
@@ -113,7 +114,7 @@ def _in_band(
 
 
 def _gain(f: Reals, low: float, high: float) -> Reals:
-    """Return a gain of one inside the band, falling by a raised cosine outside it."""
+    """Return a gain of one inside a band, which falls as a raised cosine outside it."""
     below = np.clip((low - f) / (ROLL_OFF * low), 0, 1) if low > 0 else np.zeros_like(f)
     above = np.clip((f - high) / (ROLL_OFF * high), 0, 1)
     return np.cos(np.pi / 2 * below) ** 2 * np.cos(np.pi / 2 * above) ** 2
@@ -176,7 +177,7 @@ class CycleReading(NamedTuple):
         stiffness: Secant stiffness k between the turning points [N/m].
         work: Work W that the cycle dissipates [J].
         damping: Equivalent damping ratio zeta_eq [-].
-        retained: Stiffness over that of the first cycle of equal amplitude [-].
+        retained: Stiffness, divided by that of the first cycle of equal amplitude [-].
         repeated: Whether another cycle has the same amplitude.
     """
 
@@ -189,7 +190,7 @@ class CycleReading(NamedTuple):
 
 
 def cycles_of(loop: ForcedLoop) -> list[Cycle]:
-    """Return the whole cycles of a loop, from one upper turning point to the next."""
+    """Return the whole cycles of a loop, each from one upper turning point to the next."""
     y = loop.displacement
     least = TURN * np.ptp(y)
     turns, rising, place = [], True, 0
@@ -203,7 +204,7 @@ def cycles_of(loop: ForcedLoop) -> list[Cycle]:
 
 
 def _between_passages(loop: ForcedLoop) -> list[Cycle]:
-    """Return the whole cycles of a loop, from a passage of the middle to the next but one."""
+    """Return the whole cycles of a loop, each from one upward passage of the middle to the next."""
     crossings = passages(loop.displacement)
     return [_cycle(loop, *ends) for ends in zip(crossings[:-2:2], crossings[2::2], strict=False)]
 
@@ -216,7 +217,7 @@ def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
 
 
 def passages(y: Reals) -> list[int]:
-    """Return the samples where a displacement passes its middle, alternately upwards and downwards.
+    """Return the samples at which a displacement passes its middle, up and down in alternation.
 
     The middle is y = 0 if the motion goes to both sides of it. A record that begins or ends at the
     middle does so with a passage.
@@ -275,7 +276,7 @@ def begins_unmoved(y: Reals) -> bool:
 
 
 def lopsided(loop: ForcedLoop) -> float:
-    r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$, F being both peak forces of a cycle.
+    r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$ with the two peak forces F of each cycle.
 
     If a loop begins at y = 0, its force there is subtracted, since no joint exerts a force there.
     """
@@ -299,7 +300,7 @@ def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
 
 
 def _centre(loop: ForcedLoop, cycle: Cycle) -> tuple[float, float]:
-    """Return the mean force of a cycle at zero displacement, and half its range of force."""
+    """Return the mean force of a cycle at zero displacement, and half the range of its force."""
     (bottom, top), (below, above) = _turning_points(loop, cycle)
     stiffness = (above - below) / (top - bottom)
     middle = 0.5 * (above + below - stiffness * (top + bottom))

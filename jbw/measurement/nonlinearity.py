@@ -1,4 +1,4 @@
-r"""Model-free evidence of nonlinearity and noise in the records of a test, in sentences.
+r"""Evidence of nonlinearity and noise in the records of a test, without a model, in sentences.
 
 The evidence is the variation of repeats and whether it is noise or another joint, harmonics by
 order along a sweep, distortion against noise of multisines, and the coherence of random noise.
@@ -52,20 +52,21 @@ from jbw.measurement.spectra import frf
 from jbw.quantities import Motion
 from jbw.report.messages import look as messages
 
-# Largest number of samples, of all channels of a test, that are kept in memory for a comparison.
+# largest number of samples, of all channels of a test, that are kept in memory for a comparison
 MOST_SAMPLES = 2**23
-# Relative variation of the source above which records are no repeats of each other.
+# Records whose source varies by more than this, relative to its size, are no repeats.
 SAME_SOURCE = 0.1
 ABOVE_NOISE = 5.0  # standard deviations of a harmonic
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
-BY_CHANCE = 1e-3  # probability below which repeats are reported to differ
-SHAPES = 3  # directions along which repeats differ other than by noise
-EXCITED = 0.05  # share of the source's strongest line above which a line counts as excited
+BY_CHANCE = 1e-3  # p-value below which repeats are reported to differ
+SHAPES = 3  # number of directions along which repeats differ other than by noise
+EXCITED = 0.05  # number of directions along which repeats may differ by more than noise
 PERIODS = 10.0  # number of periods of the source in a window
 SPACING = 0.5  # distance of windows, divided by their length
-QUIET = 0.02  # share of the source's largest amplitude below which nothing is driven
-FEWEST = 4  # windows of a sweep
-MOST_STRAY = 0.1  # residual of a sweep's source from one tone with harmonics, within a window
+QUIET = 0.02  # Below this fraction of its largest amplitude, the source drives nothing.
+FEWEST = 4  # smallest number of windows in a sweep
+# largest residual of a sweep's source from one tone with harmonics, within a window
+MOST_STRAY = 0.1
 
 
 class Stated(Protocol):
@@ -93,7 +94,7 @@ class Stated(Protocol):
 
 
 def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
-    """Return sentences on nonlinearity in the faultless records of a test; empty without any.
+    """Return sentences on nonlinearity and noise in the complete records of a test, if any.
 
     The list is empty unless `records` have one length and sampling frequency.
     """
@@ -117,7 +118,7 @@ def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
         else:
             sentences += _repeats(u, y)
             sentences += _sweep(u, y, fs) if traits.is_transient else []
-    # For example a record that is too short, which `jbw identify` refuses.
+    # For example, a record may be too short, which `jbw identify` rejects.
     except DataError as error:
         sentences.append(messages.not_assessed(str(error).splitlines()[0]))
     return [f"{test.name}: {sentence}" for sentence in sentences]
@@ -155,14 +156,14 @@ def _sweep(u: NDArray[np.float64], y: NDArray[np.float64], fs: float) -> Iterato
 def _multisine(
     test: Stated, u: NDArray[np.float64], y: NDArray[np.float64], fs: float
 ) -> Iterator[str]:
-    """Yield sentences on distortion and noise of a multisine, from periods and unexcited lines."""
+    """Yield sentences on a multisine's distortion and noise, from periods and unexcited lines."""
     size, rest = divmod(u.shape[1], test.periods)
     skipped = int(np.ceil(test.settle * fs / size - 1e-6))
     if rest or skipped >= test.periods:
         return
     steady = (x[:, skipped * size :].reshape(len(x), -1, size) for x in (u, y))
     (u, y), is_repeated = steady, _same_source(u)
-    if is_repeated:  # repeats of one realisation count as additional periods
+    if is_repeated:  # Repeats of one realisation count as additional periods.
         u, y = (x.reshape(1, -1, size) for x in (u, y))
     best = best_linear_approximation(u, y, fs)
     gain = np.sqrt(np.mean(np.abs(best.h) ** 2))
@@ -195,7 +196,7 @@ def coherence_at_resonance(
     shape (repeat, time); `role` is the role of the response.
     """
     with warnings.catch_warnings():
-        # The warning is about the window, which is a choice of Step 2.
+        # The warning concerns the window, which is chosen in Step 2 (FRF fit).
         warnings.simplefilter("ignore")
         estimate = frf(u, y, fs, response=role)
     power = np.abs(estimate.h) ** 2 * estimate.input_spectrum
@@ -204,12 +205,12 @@ def coherence_at_resonance(
 
 
 class Repeatability(NamedTuple):
-    """The variation of repeats of one test, divided by the root mean square of their mean."""
+    """The variation of repeats of one test, relative to the root mean square of their mean."""
 
     scatter: float  # total standard deviation of one repeat
-    noise: float  # standard deviation that no change of amplitude, time or pace explains
+    noise: float  # standard deviation that no change of amplitude, time or speed explains
     size: float  # standard deviation of the repeats' amplitude
-    p: float  # probability that noise alone varies so much along the three directions
+    p: float  # p-value of the variation along the three directions, if there were only noise
     num_repeats: int
 
     @property
@@ -224,7 +225,7 @@ class Repeatability(NamedTuple):
 
 
 def repeatability(y: ArrayLike) -> Repeatability:
-    """Measure the variation of repeats (repeat, time) of one excitation with equal starts.
+    """Measure the variation of repeats (repeat, time) of the same excitation with equal starts.
 
     Raises:
         DataError: A sample is NaN, there are fewer than two repeats, or the channel is constant.
@@ -249,7 +250,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
     rest = max(float(np.sum(deviations**2)) - explained, 0.0)
     degrees = SHAPES * (count - 1), (length - SHAPES) * (count - 1)
     noise = rest / degrees[1]
-    # Coloured noise has more power where the response has, so compare within the response's band.
+    # Coloured noise is stronger where the response is, so the comparison is within its band.
     ratio = explained / degrees[0] / max(_in_band(deviations, mean), noise, 1e-300)
     return Repeatability(
         scatter=float(np.sqrt(np.sum(deviations**2) / ((count - 1) * length) / power)),
@@ -261,7 +262,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
 
 
 def _band(mean: np.ndarray) -> np.ndarray:
-    """Return a mask of the lines that belong to the response: above a hundredth of the largest."""
+    """Return a mask of the response's spectral lines: those above a hundredth of the largest."""
     size = np.abs(np.fft.rfft(mean))
     return size > 0.01 * size.max()
 
@@ -271,11 +272,11 @@ def _lines(mean: np.ndarray) -> int:
 
 
 def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:
-    """Return the variance per sample of white noise at the median level of the response's band."""
+    """Return the variance per sample of white noise of the median level in a response's band."""
     band = _band(mean)
     power = np.sum(np.abs(np.fft.rfft(deviations))[:, band] ** 2, axis=0) / (len(deviations) - 1)
-    # Wilson and Hilferty: ratio of median to mean of a chi-square variable of 2 k degrees of
-    # freedom.
+    # The ratio of the median to the mean of a chi-square variable with 2 k degrees of freedom is
+    # that of Wilson and Hilferty.
     k = len(deviations) - 1
     return float(np.median(power) / deviations.shape[1] / (1 - 1 / (9 * k)) ** 3)
 
@@ -292,14 +293,14 @@ class BestLinear(NamedTuple):
     h: Complexes  # response over source
     noise_std: Reals  # standard deviation of `h` from noise alone
     total_std: Reals  # standard deviation of `h` from noise and distortion
-    # One realisation's standard deviation from distortion; zero if below the noise.
+    # standard deviation of one realisation from distortion; zero if below the noise
     distortion_std: Reals
     num_realisations: int
     num_periods: int
 
 
 class Distortion(NamedTuple):
-    """The response at unexcited lines of a period, between the excited lines.
+    """The response at spectral lines between the excited lines, where a linear structure has none.
 
     All values are root mean squares of complex amplitudes over lines, relative to that of the
     excited lines. They are NaN if there are no such lines; the noise is NaN with one period.
@@ -336,7 +337,7 @@ def best_linear_approximation(u: ArrayLike, y: ArrayLike, fs: float) -> BestLine
     lines = excited_lines(u)
     mean_u, mean_y = (x.mean(axis=1)[:, lines] for x in (spectra_u, spectra_y))
     ratios = mean_y / mean_u
-    # The noise of source and response combined, as it enters the ratio of a period to first order.
+    # The noise of source and response combined, as it affects their ratio to first order.
     residual = spectra_y[..., lines] - ratios[:, None] * spectra_u[..., lines]
     noise = np.full(ratios.shape, np.nan)
     if num_periods > 1:
@@ -378,7 +379,7 @@ def detection_lines(u: ArrayLike, y: ArrayLike) -> Distortion:
 
 
 def excited_lines(u: Float[np.ndarray, "*batch time"]) -> Int[np.ndarray, " line"]:
-    """Return the lines of the spectrum that the source excites, except zero and the last line."""
+    """Return the spectral lines that the source excites, without the first and the last line."""
     power = np.mean(np.abs(np.fft.rfft(u)) ** 2, axis=tuple(range(u.ndim - 1)))
     power[0] = power[-1] = 0.0
     if not power.max() > 0:
@@ -410,7 +411,7 @@ class SweptHarmonics(NamedTuple):
 
     freq: Reals  # frequency of the source [Hz]
     source: Complex[np.ndarray, "order window"]  # harmonics of the source; order 1 is its amplitude
-    # Complex peaks; the phase is relative to n times the source's phase.
+    # peak amplitudes; phases are relative to n times the source's phase
     response: Complex[np.ndarray, "order window"]
     std: Reals  # standard deviation of a real component of `response`, from the residual of the fit
 
@@ -468,7 +469,7 @@ def swept_harmonics(
 
 
 def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
-    """Return half-overlapping windows of equally many source periods, where the source drives."""
+    """Return half-overlapping windows of equally many source periods, where the source is on."""
     loud = np.flatnonzero(amplitude > QUIET * amplitude.max())
     turns = np.maximum.accumulate(phase) / (2 * np.pi)
     first, last = float(turns[loud[0]]), float(turns[loud[-1]])
@@ -480,15 +481,16 @@ def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
 def _fitted(
     phase: Reals, u: Reals, y: Reals, fs: float, num_orders: int
 ) -> tuple[float, NDArray[np.complex128], NDArray[np.complex128], float, float]:
-    """Return frequency [Hz], both channels' harmonics, std of the response, and source residual."""
+    """Return frequency [Hz], harmonics of both channels, sd of the response, source's residual."""
     x = np.linspace(-1.0, 1.0, len(phase))
     hz = float(np.polyfit(x, phase, 1)[0]) / (np.pi * (len(phase) - 1) / fs)
     shown = [n for n in range(1, num_orders + 1) if n * hz < 0.45 * fs]
     waves = [f(n * phase) for n in shown for f in (np.cos, np.sin)]
-    # The basis allows parabolic changes of amplitude within a window, and a drift.
+    # Within a window, amplitudes may change as parabolas and there may be a drift.
     basis = np.column_stack([w * x**k for k in range(3) for w in waves] + [x**0, x])
     weight = np.cos(np.pi * x / 2)[:, None]
-    # Normal equations suffice: columns have similar size, are far from dependent, and windows many.
+    # The normal equations suffice, since the columns have similar sizes and are far from dependent.
+    # There are many windows.
     rows = weight * basis
     both = np.linalg.solve(rows.T @ rows, rows.T @ (weight * np.column_stack([u, y])))
     residual = y - basis @ both[:, 1]
@@ -498,7 +500,7 @@ def _fitted(
     amplitudes = np.full((2, num_orders), np.nan, complex)
     for i, n in enumerate(shown):
         amplitudes[:, n - 1] = both[2 * i] - 1j * both[2 * i + 1]
-    # Phases refer to the source's fitted fundamental instead of its analytic signal.
+    # Phases refer to the source's fitted first harmonic instead of its analytic signal.
     turn = np.exp(-1j * np.arange(1, num_orders + 1) * np.angle(amplitudes[0, 0]))
     return hz, amplitudes[0] * turn, amplitudes[1] * turn, std, stray
 

@@ -1,4 +1,4 @@
-"""The third-order kernel measured by a single tone, without the source's harmonics."""
+"""The third-order kernel measured with a single tone, corrected for the source's harmonics."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,28 +13,31 @@ from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.quantities import Motion
 from jbw.report.messages import reading as messages
 
-PERIOD_POINTS = 4096  # per period; a peak between two points is missed by at most 3e-7 n^2
+# number of points per period; a peak between two points is missed by at most 3e-7 n^2
+PERIOD_POINTS = 4096
 LARGE_SOURCE = 0.1
 
 
 @dataclass(frozen=True)
 class ThirdOrder:
-    """The third-order kernel on its leading diagonal, with complex peak amplitudes per repeat."""
+    """The third-order kernel at three equal frequencies, with complex amplitudes per repeat."""
 
     omega: float  # probing frequency [rad/s]
     h3: Complexes  # H3 = 4 Y(3 omega) / A^3 [m per unit^3]
     amplitude: Complexes  # A, the input's first harmonic including its phase [unit]
     u_3: Complexes  # the input's third harmonic [unit]; NaN if not measured
     y_1: Complexes  # Y(omega) [m]
-    y_3: Complexes  # Y(3 omega), without the source's part if that was removed [m]
+    # Y(3 omega), after subtraction of the source's contribution if that was possible [m]
+    y_3: Complexes
     y_peak: Reals  # largest displacement in a period [m]
-    source: str  # removed, measured (not removed: `h1_3omega` was not given) or unmeasured
+    # "removed", "measured" (not removed, since `h1_3omega` was not given) or "unmeasured"
+    source: str
     source_ratio: float  # largest |H1(3 omega) U(3 omega)| / |Y_3|; NaN if unknown
     std: float  # standard deviation of `h3` over repeats, per real component; NaN with one repeat
-    std_expected: float  # `std` as expected from the noise of the records
-    # Covariance of (Re, Im) of the mean of `h3`, from the variation over repeats if possible.
+    std_expected: float  # the value of `std` that the noise of the records explains
+    # covariance of (Re, Im) of the mean of `h3`, from the variation over repeats if possible
     covariance: Reals
-    above_noise: bool  # whether |mean Y_3| exceeds three standard errors, and may enter a fit
+    above_noise: bool  # whether |mean Y_3| exceeds three standard errors, so that it may be fitted
     notes: tuple[str, ...]  # remarks that a reader of the result must know
 
     @property
@@ -57,7 +60,7 @@ def third_order_kernel(
     num_harmonics: int = 7,
     also: Sequence[float] = (),
 ) -> ThirdOrder:
-    r"""Estimate the third-order kernel's leading diagonal from a test with one tone.
+    r"""Estimate the third-order kernel at three equal frequencies from a test with one tone.
 
     $$H_3(\omega) = \frac{4\,[Y(3\omega) - H_1(3\omega)\,U(3\omega)]}{A^3}, \qquad A = U(\omega)$$
 
@@ -123,7 +126,7 @@ def third_order_kernel(
     expected = np.mean(16 * variance / np.abs(u_1) ** 6 + relative * np.abs(h3) ** 2) / 2
     std = float(np.sqrt(np.var(h3, ddof=1) / 2)) if len(h3) > 1 else np.nan
     scatter = np.var(y_3, ddof=1) / 2 if len(y_3) > 1 else 0.0
-    # The error has two estimates: the noise of the records and the variation between repeats.
+    # The error has two estimates: from the noise of the records, and from the variation of repeats.
     standard_error = np.sqrt(max(np.mean(variance) / 2, scatter) / len(y_3))
     above = bool(np.abs(y_3.mean()) > NOISE_FLOOR * standard_error)
     return ThirdOrder(
@@ -136,7 +139,7 @@ def third_order_kernel(
 
 
 def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, Complexes]:
-    """Return harmonics 1 and 3 of an unmeasured input: the requested amplitude, and NaN."""
+    """Return an unmeasured input's harmonics 1 and 3: the requested amplitude, and NaN."""
     if amplitude is None or not abs(amplitude) > 0:
         raise DataError(
             "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",

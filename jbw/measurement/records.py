@@ -16,9 +16,10 @@ from jbw.units import FACTORS, decibels, factor_of, measured, plain, quantity_of
 
 RESPONSES: tuple[Motion, ...] = get_args(Motion)
 INPUTS = ("input", "force")
-BASE = "base"  # role of the acceleration of a moving base, and name of that drive
+BASE = "base"  # role of the acceleration of a moving base; also the name of this drive
 SOURCES = (*INPUTS, BASE)  # roles of excitation channels in files
-# What moves the structure, including what is attached to it: under voltage or current, a shaker.
+# What moves the structure with everything attached to it: under voltage or current, this includes a
+# shaker.
 DRIVES = ("voltage", "current", "force", BASE, "none")
 BY_UNIT = {"V": "voltage", "A": "current", "N": "force", "N/kg": "force", "N m": "force"}
 # Quantities that a channel of each role may measure. A source is a voltage, a current, or a force
@@ -30,30 +31,33 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "velocity": ("velocity", "angular velocity"),
     "acceleration": ("acceleration", "angular acceleration"),
     "restoring_force": ("force", "torque"),
-    # Acceleration of the clamp on a moving table; stored as a force per mass.
+    # acceleration of the clamp on a moving table; it is stored as a force per mass
     BASE: ("acceleration",),
-    "drive_point": ("acceleration",),  # where the shaker pushes; determines its attachment
+    # acceleration of the point at which the shaker pushes; it determines the shaker's attachment
+    "drive_point": ("acceleration",),
     "frequency": ("frequency",),  # axis of a measured FRF, which has no sampling frequency
     "phase": ("angle",),  # phase of the response relative to the force, in a measured FRF
-    "time": ("time",),  # gives the sampling frequency; not kept as a channel
+    "time": ("time",),  # determines the sampling frequency and is not kept as a channel
 }
 ROLES = tuple(QUANTITIES)
 COUNTED = "none: samples of a loop without times are counted"
-# Relative difference of two clocks: quartz keeps 1e-5 or better, a microcontroller's timer 1e-4.
+# Largest relative difference of two clocks: quartz is accurate to 1e-5 or better, a
+# microcontroller's timer to 1e-4.
 CLOCKS = 1e-4
-# Examples of usual sensors: IEPE accelerometers, vibrometers, displacement sensors, load cells.
+# examples of sensitivities of usual sensors: accelerometers, vibrometers, displacement sensors,
+# load cells
 SENSITIVITIES = {
     "acceleration": "100 mV/g", "drive_point": "100 mV/g", BASE: "100 mV/g",
     "velocity": "200 mV/(mm/s)", "displacement": "1 V/mm",
     "force": "10 mV/N", "restoring_force": "10 mV/N",
 }  # fmt: skip
 LOAD_CELLS = ("exact", "offset", "drift")
-OF = " / "  # separates the name of an assembly from the name of its run
+OF = " / "  # separates an assembly's name from the name of its run
 
 
 @dataclass(frozen=True)
 class Record:
-    """Channels sampled together once: one repeat of a test.
+    """Channels that were sampled together once: one repeat of a test.
 
     Attributes:
         fs: Sampling frequency [Hz].
@@ -93,7 +97,7 @@ class Record:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Mask of the samples at which every channel is finite, shape (time,)."""
+        """A mask of the samples at which every channel is finite, shape (time,)."""
         return np.logical_and.reduce([np.isfinite(x) for x in self.channels.values()])
 
     @property
@@ -111,7 +115,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Test:
-    """A test: the same excitation repeated, with its settings from the campaign file.
+    """A test: repeats of the same excitation, with its settings from the campaign file.
 
     Attributes:
         kind: Name of the test's kind, one of `jbw.measurement.kinds.KINDS`.
@@ -181,7 +185,7 @@ class Test:
 
     @property
     def is_single_tone(self) -> bool:
-        """Whether a single steady tone is played; such tests of one level form a curve together."""
+        """Whether a single steady tone is played; such tests of one level together form a curve."""
         return self.traits.is_steady and not self.traits.is_stepped and len(self.tones_hz) == 1
 
     @property
@@ -191,12 +195,12 @@ class Test:
 
 
 def belongs_to(label: str, name: str) -> bool:
-    """Return whether a run or group label equals a name, or starts with the name and a space."""
+    """Return whether a label equals the name of a run or group, or starts with it and a space."""
     return label == name or label.startswith(f"{name} ")
 
 
 def share_clock(fs: float, other_fs: float) -> bool:
-    """Return whether two rates [Hz] are one nominal rate within the accuracy of recorder clocks.
+    """Return whether two rates [Hz] are equal within the accuracy of recorders' clocks.
 
     Records of one test may differ that much, and each keeps its own rate.
     """
@@ -204,12 +208,12 @@ def share_clock(fs: float, other_fs: float) -> bool:
 
 
 def is_sampled(record: Record) -> bool:
-    """Return whether samples have times, as opposed to a curve or a loop without a clock."""
+    """Return whether samples have times; response curves and loops without a clock have none."""
     return record.fs == record.fs and record.provenance.get("fs") != COUNTED
 
 
 def drive_of(test: Test) -> str:
-    """Return a test's drive, stated or by its source; empty for prescribed displacement."""
+    """Return a test's drive, as stated or implied by its source; empty if motion is prescribed."""
     if test.drive or test.traits.is_prescribed or not test.records:
         return test.drive
     if test.traits.is_free:
@@ -221,7 +225,7 @@ def drive_of(test: Test) -> str:
 
 
 def run_of(test: Test) -> str:
-    """Return the name of a test's run: its assembly and day if stated, or the test's name."""
+    """Return the name of a test's run: its assembly and day if stated, else the test's name."""
     return OF.join(part for part in (test.assembly, test.run) if part) or test.name
 
 
@@ -230,7 +234,7 @@ def periods(test: Test) -> Test | None:
 
     The `periods` of the returned test is the number of remaining periods of each record.
     """
-    # `settle` seconds, rounded up to whole periods, are left out at the start.
+    # At the start, `settle` seconds, rounded up to whole periods, are omitted.
     if test.periods < 2:
         return None
     records = [
@@ -243,7 +247,7 @@ def periods(test: Test) -> Test | None:
 
 
 def steady(test: Test) -> tuple[Test, int] | None:
-    """Return the test without transient periods, and samples per period; None if not periodic."""
+    """Return a test without transient periods, and samples per period; None if not periodic."""
     if test.periods < 2:
         return None
     records, sizes = zip(*(_steady(record, test) for record in test.records), strict=True)
@@ -259,7 +263,7 @@ def _steady(record: Record, test: Test) -> tuple[Record, int]:
             f"{record.num_samples} samples cannot be divided so.",
             remedy="Correct `periods`, or cut the record with `span`.",
         )
-    # A settle of whole periods may exceed them by round-off.
+    # A `settle` of whole periods may exceed them by round-off.
     skipped = int(np.ceil(test.settle * record.fs / size - 1e-6))
     if skipped >= test.periods:
         raise DataError(
@@ -277,7 +281,7 @@ def _cut(record: Record, start: int, size: int) -> Record:
 
 
 def si_of(role: str, unit: str) -> tuple[float, str, str]:
-    """Return factor to SI, SI unit, and the source (force, input) by which a ratio is divided.
+    """Return a unit's factor to SI, its SI unit, and the source by which a ratio is divided.
 
     For decibels they are those of the unit of the reference.
     """
@@ -316,7 +320,7 @@ def sensitivity_of(role: str, written: str) -> tuple[float, str]:
 
 
 def _per_source(role: str, unit: str) -> tuple[float, str, str] | None:
-    """Return factor, unit and source for a unit of response per force or per voltage.
+    """Return factor, unit and source for the unit of a response per force or per voltage.
 
     Examples are an accelerance in `1/kg` and a mobility in `m/(N s)`.
     """

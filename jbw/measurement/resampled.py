@@ -1,4 +1,4 @@
-r"""Band-limited interpolation of samples of one clock at the instants of another clock.
+r"""Band-limited interpolation of samples of one clock to the times of another clock.
 
 Even samples are resampled at another rate by
 
@@ -34,22 +34,23 @@ REACH = 32  # samples on either side
 BETA = 10.0  # shape of the Kaiser window
 CHUNK = 1 << 14  # samples interpolated at once
 MILLION = 1e6
-PASSED = 0.9  # share of half a rate below which frequencies are kept
+PASSED = 0.9  # Frequencies below this fraction of half the sampling rate are kept.
 SHARE = 0.75  # rate of a signal through uneven samples, divided by their mean rate
-BLOCK, OVERLAP = 1 << 15, 128  # values found at once, and values shared by two blocks
+# number of values found at once, and number of values that two blocks share
+BLOCK, OVERLAP = 1 << 15, 128
 DAMPED = 1e-4  # weight that keeps values finite where no sample determines them
-HELD_OUT = 8  # every eighth sample is held out for the error
+HELD_OUT = 8  # Every eighth sample is held out to estimate the error.
 LARGEST_ERROR = 0.5  # largest error of a fitted signal, divided by its rms
-NEAR = 2e-3  # relative distance to a whole number of hertz that counts as that number
-PAUSE = 1.5  # usual steps: a longer step of uneven times is a pause
-ABOVE = 1.05  # times the usual rate of uneven samples: highest rate for resampling
-OF_RESPONSE = (*RESPONSES, "drive_point")  # roles sampled by the response's recorder
+NEAR = 2e-3  # A rate this close to a whole number of hertz, relatively, counts as that number.
+PAUSE = 1.5  # A step of uneven times that exceeds this number of usual steps is a pause.
+ABOVE = 1.05  # highest rate for resampling, as a multiple of the usual rate of uneven samples
+OF_RESPONSE = (*RESPONSES, "drive_point")  # roles that the response's recorder samples
 
 
 def interpolated(
     x: Float[np.ndarray, " time"], place: Float[np.ndarray, " at"], stretch: float = 1.0
 ) -> Reals:
-    """Return the values of a sampled band-limited signal at places counted in samples.
+    """Return the values of a sampled band-limited signal at given places, counted in samples.
 
     Frequencies above half of the rate over `stretch`, which is 1 or more, are removed.
     """
@@ -62,14 +63,14 @@ def interpolated(
         nearest = np.floor(at).astype(int)
         weight = _kernel(((at - nearest)[:, None] - offsets) / stretch)
         rows = padded[nearest[:, None] + offsets + reach]
-        # The weights sum to one only within the window's ripple; dividing keeps a constant
+        # The weights sum to one only within the window's ripple; the division keeps a constant
         # unchanged.
         values.append(np.sum(weight * rows, axis=1) / np.sum(weight, axis=1))
     return np.concatenate(values) if values else np.zeros(0)
 
 
 def _mirrored(x: Reals, reach: int) -> Reals:
-    """Return a signal extended by its mirror image through both ends, repeatedly if necessary."""
+    """Return a signal extended by its mirror image at both ends, repeatedly if necessary."""
     return np.asarray(np.pad(x, reach, mode="reflect", reflect_type="odd"), np.float64)
 
 
@@ -101,7 +102,7 @@ def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
 
 
 def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tuple[Reals, str]:
-    """Resample uneven samples to an even rate; return them with a description of the error.
+    """Resample uneven samples to an even rate; return them and a description with the error.
 
     Times count from the first sample in the file. `begins` is the start of the wanted span [s].
     """
@@ -154,14 +155,14 @@ def _without_pauses(time: Reals, begins: float) -> str:
 
 
 def proposed_rate(time: Reals) -> float:
-    """Return the proposed rate for resampling uneven samples [Hz]: their usual rate, rounded."""
+    """Return the rate proposed for resampling uneven samples: their usual rate, rounded [Hz]."""
     usual = 1 / float(np.median(np.diff(time)))
     rounded = round(usual)
     return float(rounded) if abs(rounded - usual) < NEAR * usual else float(f"{usual:.3g}")
 
 
 def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
-    """Return the values at new instants of the band-limited signal through uneven samples."""
+    """Return the values at new times of the band-limited signal through uneven samples."""
     last = max(float(time[-1]), float(at[-1]))
     size = int(np.ceil(last * rate)) + 1
     mean, scale = float(np.mean(x)), float(np.std(x)) or 1.0
@@ -183,7 +184,7 @@ def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
 
 
 def _blocks(size: int) -> Iterator[tuple[int, int]]:
-    """Yield the first and end index of overlapping blocks of values."""
+    """Yield the first and the end index of overlapping blocks of values."""
     step = BLOCK - OVERLAP
     for first in range(0, max(size - OVERLAP, 1), step):
         yield first, min(first + BLOCK, size)

@@ -1,4 +1,4 @@
-r"""The spectra of records and harmonics, in which causes of residuals are tested.
+r"""Spectra of records and of harmonics, in which causes of residuals are tested.
 
 A delay, another mode, or an input that bypasses the mode is a product in the frequency domain.
 Records in time and curves of harmonics differ in how they are computed from there.
@@ -15,13 +15,13 @@ Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 
 
 def real_rows(table: Inexact[np.ndarray, "value column"]) -> Float[np.ndarray, "part column"]:
-    """Return a complex table as its real parts above its imaginary parts; real ones unchanged."""
+    """Return a complex table as real parts above imaginary parts; a real table is unchanged."""
     values: Any = table
     return np.concatenate([values.real, values.imag]) if np.iscomplexobj(values) else values
 
 
 class Spectrum(NamedTuple):
-    """One data group's measured values and residual of a fit, with their spectra.
+    """Measured values and residual of a fit for one data group, with their spectra.
 
     Attributes:
         values: Measured mean, as samples or lines.
@@ -81,7 +81,7 @@ def of_lines(
     factor: Spectral,
     stretched: Row | None = None,
 ) -> Spectrum:
-    """Return the spectra of a data group of spectral lines or harmonics."""
+    """Return the spectra of a data group that consists of spectral lines or harmonics."""
     return Spectrum(
         values, residual, omega, values, values - residual, source, factor,
         lambda spectrum: spectrum, stretched,

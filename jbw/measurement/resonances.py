@@ -23,18 +23,20 @@ from jbw.measurement.records import Record, Test
 from jbw.quantities import derivative_order
 from jbw.report.messages import reading as messages
 
-WIDE = 0.15  # half width of the band of the first fit, divided by the peak's frequency
-HALF_WIDTHS = 6.0  # zeta omega_n to either side: lines of the later fits
-# Smallest number of lines of a time record and of points of a curve.
+WIDE = 0.15  # half width of the band for the first fit, divided by the peak's frequency
+HALF_WIDTHS = 6.0  # half width of the later fits, as a multiple of zeta omega_n
+# smallest numbers of lines of a time record, and of points of a curve
 LEAST_LINES, LEAST_POINTS = 12, 6
 ROUNDS = 3  # number of fits, each in a narrower band about the resonance
-DRIVEN = 1e-2  # share of the source's largest line below which a line is not driven
-SWEPT = 5e-3  # share of the source's energy beyond either end of the sweep
-# Largest relative residual near the resonance for which the response is an oscillator's.
+DRIVEN = 1e-2  # A line is driven if it exceeds this fraction of the source's largest line.
+SWEPT = 5e-3  # fraction of the source's energy beyond either end of the sweep
+# largest relative residual near the resonance with which the response is that of an oscillator
 MISSED = 0.5
-LEFT_OPEN = 0.45  # share of the damping ratio per unit of relative residual of the oscillator
+# relative error of the damping ratio per unit of the oscillator's relative residual
+LEFT_OPEN = 0.45
 FLOOR = 1e-3  # smallest error of the damping ratio, divided by the damping ratio
-NEAR_LINES = 9  # lines averaged to decide whether they are driven, since single lines of noise vary
+# number of lines that are averaged to decide whether they are driven, since noise varies
+NEAR_LINES = 9
 
 
 class AmplitudeCurve(NamedTuple):
@@ -54,7 +56,7 @@ class AmplitudeCurve(NamedTuple):
 
 
 def curve_of_points(points: Sequence[tuple[float, float, float]]) -> AmplitudeCurve:
-    """Return amplitude, frequency and damping of points, with errors from their neighbours.
+    """Return amplitude, frequency and damping of points, with errors estimated from neighbours.
 
     A value's deviation from the line through its neighbours has 3/2 of its variance. The median is
     insensitive to a bend.
@@ -72,17 +74,17 @@ def curve_of_points(points: Sequence[tuple[float, float, float]]) -> AmplitudeCu
 
 
 class Reading(NamedTuple):
-    """The frequency and damping of a record, curve or piece of a decay, at one amplitude."""
+    """The frequency and damping of a record, curve or part of a decay, at one amplitude."""
 
     y: float  # amplitude of the displacement [m]
     frequency_hz: float
     damping: float
-    # Residual of the linear oscillator near resonance, divided by the rms of the response.
+    # residual of the linear oscillator near resonance, divided by the rms of the response
     left: float = np.nan
     third: float = np.nan  # ratio of the displacement's largest third harmonic to its first
     frequency_sd: float = np.nan  # standard deviation of the frequency [Hz]
     damping_sd: float = np.nan
-    # Residual of the fit that gave the values; NaN if it is that of the linear oscillator.
+    # residual of the fit that gave the values; NaN if it is that of the linear oscillator
     residual: float = np.nan
 
     @property
@@ -98,12 +100,12 @@ class DrivenLines(NamedTuple):
     omega: Float[np.ndarray, " line"]  # [rad/s]
     source: Complex[np.ndarray, " line"]
     y: Complex[np.ndarray, " line"]  # displacement [m]
-    place: Int[np.ndarray, " line"]  # index among all lines, where the mean has index 0
+    place: Int[np.ndarray, " line"]  # index among all lines; the mean has index 0
     num_samples: int
 
 
 def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> DrivenLines:
-    """Return source and displacement on the driven lines, within a band if given."""
+    """Return source and displacement at the driven lines, within a band if one is given."""
     if not record.valid.all():
         raise DataError(f"{_named(record)} has samples missing.")
     u, x = (record.channels[role] for role in (record.source, record.response))
@@ -125,7 +127,7 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
 
 
 def driven_band(record: Record) -> tuple[float, float]:
-    """Return the lowest and highest frequency that the source drives [Hz]."""
+    """Return the lowest and the highest frequency that the source drives [Hz]."""
     u = record.channels[record.source]
     size = np.abs(np.fft.rfft(u - np.mean(u)))
     driven = np.fft.rfftfreq(len(u), 1 / record.fs)[size > DRIVEN * np.max(size)]
@@ -133,13 +135,13 @@ def driven_band(record: Record) -> tuple[float, float]:
 
 
 def swept(power: Float[np.ndarray, " line"]) -> Bool[np.ndarray, " line"]:
-    """Return a mask of the lines within a source's sweep, those with 99 % of its energy."""
+    """Return a mask of the lines inside a source's sweep, which contain 99 % of its energy."""
     share = np.cumsum(power) / np.sum(power)
     return (share >= SWEPT) & (share <= 1 - SWEPT)
 
 
 def _named(record: Record) -> str:
-    return record.name or "A record"  # a record in memory has no file name
+    return record.name or "A record"  # A record in memory has no file name.
 
 
 def read_lines(lines: DrivenLines) -> Reading:
@@ -157,7 +159,7 @@ def read_curve(
     source: Complex[np.ndarray, " point"],
     y: Complex[np.ndarray, " point"],
 ) -> Reading:
-    """Return frequency and damping of a response curve, at the energy-weighted amplitude."""
+    """Return frequency and damping of a response curve, at its energy-weighted mean amplitude."""
     if len(omega) < LEAST_POINTS:
         raise DataError(f"A curve shows its resonance by {LEAST_POINTS} frequencies or more.")
     return read_resonance(omega, source, y, is_curve=True)._replace(y=_weighed(y))
@@ -202,7 +204,7 @@ def _through(
 
     Standard deviations are those of the linear least squares, from its residual.
     """
-    # The third end term is the difference of a velocity or acceleration to a displacement.
+    # The third end term is the difference between a velocity or acceleration and a displacement.
     ends = [] if is_curve else [np.ones_like(y), 1j * omega, 1 / (1j * omega)]
     columns = np.column_stack([y, 1j * omega * y, -source, *(-column for column in ends)])
     scale = np.linalg.norm(columns, axis=0)
@@ -245,7 +247,7 @@ def oscillator_through(omega: Reals, u: Complexes, y: Complexes) -> dict[str, fl
 
 
 def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:
-    r"""Return the energy-weighted mean amplitude, $\sum |Y|^3 / \sum |Y|^2$, of an envelope.
+    r"""Return the energy-weighted mean amplitude of an envelope, $\sum |Y|^3 / \sum |Y|^2$.
 
     A stiffness that falls with the amplitude, k(A) = k_0 - k_1 A, is read by least squares as
 
@@ -270,7 +272,7 @@ def curves_of_points(test: Test) -> list[ControlledCurve]:
 
 
 def readings_of_points(test: Test, gain: float | None) -> list[Reading]:
-    r"""Return frequency and damping at the amplitude of each point, with force per mass g F.
+    r"""Return frequency and damping at each point's amplitude, with force per mass g F.
 
     $$\omega_r^2 = \omega^2 + \frac{g F \cos\varphi}{Y}, \qquad
       2\zeta\,\omega_r\,\omega = -\frac{g F \sin\varphi}{Y}$$

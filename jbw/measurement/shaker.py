@@ -26,7 +26,7 @@ from jbw.measurement.channels import (
 )
 from jbw.quantities import Motion, derivative_order
 
-DEGENERATE = 1e7  # condition number of the columns, each scaled to unit size
+DEGENERATE = 1e7  # largest condition number of the columns, each scaled to unit size
 NAMES = ("gain", "delay", "mass", "damping", "stiffness")
 
 
@@ -34,12 +34,12 @@ NAMES = ("gain", "delay", "mass", "damping", "stiffness")
 class ShakerFit:
     """A shaker as a gain and a linear attachment at the drive point, at one level."""
 
-    gain: float  # g, of the voltage [N/V]; negative if the polarity is inverted
-    delay: float  # tau, of the force relative to the voltage [s]
+    gain: float  # force per voltage g [N/V]; negative if the polarity is inverted
+    delay: float  # delay tau of the force relative to the voltage [s]
     mass: float  # m_a [kg]
     damping: float  # c_a [N s/m]
-    stiffness: float  # k_a [N/m]
-    # Standard deviations of the five values, from the residual of independent lines.
+    stiffness: float  # stiffness k_a [N/m]
+    # standard deviations of the five values, from the residual of independent lines
     std: Float[np.ndarray, " 5"]
     leftover: float  # residual of the force's spectral lines, divided by their magnitude
     leftover_gain: float  # the same ratio for a constant gain alone

@@ -1,4 +1,4 @@
-"""Campaign lines that exclude bad parts of records, by a span or by the names of the files."""
+"""Campaign lines that exclude bad parts of records, by a span of time or by file names."""
 
 import json
 import re
@@ -8,24 +8,25 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 
 from jbw.measurement.channels import Reals
-from jbw.measurement.records import Record
+from jbw.measurement.records import RESPONSES, Record
 from jbw.report.messages import remedies
 
 DIGITS = 6  # digits of the ends of a proposed span, relative to its length
 LEAST = 0.05  # share of a record below which a part is not worth keeping
+MOST = 0.3  # share of the response's energy below which a part is not worth keeping
 SPAN = "span"  # key of a record's provenance
 
 
 def span_words(span: tuple[float, float]) -> str:
-    """Return a span as text in the form used by the provenance."""
+    """Return a span as text in the form that the provenance uses."""
     return f"{span[0]:.9g}-{span[1]:.9g} s"
 
 
 def start_of(record: Record) -> float:
-    """Return the time in its file at which a record begins, from the span that was read [s]."""
+    """Return the time within its file at which a record begins, from the span that was read [s]."""
     stated = re.match(r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)-", record.provenance.get(SPAN, ""))
     return float(stated[1]) if stated else 0.0
 
@@ -36,18 +37,18 @@ def span_line(start: float, stop: float, begins: float = 0.0) -> str:
     Times count from the record's first sample, which is at `begins` in the file; all in seconds.
     """
     unit = 10.0 ** (np.floor(np.log10(stop - start)) + 1 - DIGITS)
-    # Round-off must not move a time that is already whole.
+    # Round-off must not change a time that is already whole.
     first = np.ceil((begins + start) / unit - 1e-6) * unit
     last = np.floor((begins + stop) / unit + 1e-6) * unit
     return f"{remedies.PUT} {remedies.span(_written(first), _written(last))}"
 
 
 def _written(seconds: float) -> float:
-    return abs(float(f"{seconds:.9g}"))  # `abs` also removes the sign of -0.0
+    return abs(float(f"{seconds:.9g}"))  # `abs` also removes the sign of -0.0.
 
 
 def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
-    """Return the samples in a span, for (uneven) times counted from the first sample [s]."""
+    """Return the samples in a span, for uneven times that count from the first sample [s]."""
     half = 0.5 * float(np.nanmedian(np.diff(time))) if len(time) > 1 else 0.0
     since = time - time[0]
     after = np.flatnonzero(since >= span[0] - half)
@@ -59,7 +60,7 @@ def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
 def unbroken_line(
     time: Reals, breaks: Int[np.ndarray, " break"], begins: float = 0.0, least: float = LEAST
 ) -> str:
-    """Return the campaign line that keeps a part of the times without a break.
+    """Return the campaign line that keeps a part of a record whose times have no break.
 
     It is the first part at least half as long as the longest; empty if that part contains less than
     a share `least` of the times.
@@ -80,23 +81,54 @@ def unbroken_line(
     return span_line(float(ends[0]), float(ends[1]), begins)
 
 
-def clean_part(spoilt: Bool[np.ndarray, " time"]) -> slice:
-    """Return the first segment without bad samples that is half as long as the longest, or more."""
+def clean_part(
+    spoilt: Bool[np.ndarray, " time"], power: Float[np.ndarray, " time"]
+) -> tuple[slice, float]:
+    """Return the segment without bad samples that contains most power, and its share of all."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], spoilt, [True]]).astype(np.int8)))
-    starts, stops = edges[::2], edges[1::2]
-    if not len(starts):
-        return slice(0, 0)
-    at = int(np.argmax(2 * (stops - starts) >= np.max(stops - starts)))
-    return slice(int(starts[at]), int(stops[at]))
+    so_far = np.concatenate([[0.0], np.cumsum(np.where(spoilt, 0.0, power))])
+    held = so_far[edges[1::2]] - so_far[edges[::2]]
+    if not len(held):
+        return slice(0, 0), 0.0
+    at = int(np.argmax(held))
+    return slice(int(edges[2 * at]), int(edges[2 * at + 1])), held[at] / max(so_far[-1], 1e-300)
 
 
 def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
-    """Return the remedy for bad samples: keep a span without them, or leave out the record."""
-    part = clean_part(spoilt)
-    if not np.isfinite(record.fs) or part.stop - part.start < max(2, LEAST * len(spoilt)):
+    """Return the remedy for bad samples: keep a span without them, or leave out the record.
+
+    The span contains most of the response's energy, because a resonance is there and a decay
+    begins there.
+    """
+    role = next(role for role in (*RESPONSES, *record.channels) if role in record.channels)
+    x = record.channels[role]
+    is_like = len(x) == len(spoilt)  # otherwise the lengths of the channels are reported, too
+    finite = np.isfinite(x)
+    middle = x[finite].mean() if np.any(finite) else 0.0
+    power = np.where(finite, x - middle, 0.0) ** 2 if is_like else np.ones(len(spoilt))
+    part, share = clean_part(spoilt, power)
+    is_short = part.stop - part.start < max(2, LEAST * len(spoilt))
+    if not np.isfinite(record.fs) or is_short or share < MOST:
         return f"{left_out(record)}."
     line = span_line(part.start / record.fs, part.stop / record.fs, start_of(record))
     return remedies.part_or_leave_out(line, exclude_line(record))
+
+
+def in_whole_periods(remedy: str, record: Record, periods: int) -> str:
+    """Return a remedy with its span cut to whole periods of a record that has several.
+
+    The number of periods is stated beside the span. If the span is shorter than a period, the
+    remedy is to leave the record out.
+    """
+    if periods == 1 or (match := remedies.SPAN.search(remedy)) is None:
+        return remedy
+    first, last = (float(end) for end in match.groups())
+    period = record.num_samples / record.fs / periods
+    count = int((last - first) / period + 1e-6)
+    if count < 1:
+        return f"{left_out(record)}."
+    keeps = remedies.span(_written(first), _written(first + count * period))
+    return remedies.SPAN.sub(f"{keeps} and `periods = {count}`", remedy)
 
 
 def kept_before(record: Record, at_s: float) -> str:
@@ -107,7 +139,7 @@ def kept_before(record: Record, at_s: float) -> str:
 
 
 def left_out_from(record: Record, at_s: float) -> str:
-    """Return the remedy for a record that changes at a given time [s], as after a second blow."""
+    """Return the remedy for a record that changes at a given time [s], as by a second blow."""
     if at_s < LEAST * record.num_samples / record.fs:
         return f"{left_out(record)}."
     span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]
@@ -131,7 +163,7 @@ def put_line(leaving_out: str) -> str:
 
 
 def exclude_line(record: Record) -> str:
-    """Return how to leave out a record: by its file name if the file has no other record."""
+    """Return how to leave out a record: by its file's name if the file has no other record."""
     name = record.name.partition(" + ")[0]
     if name and name in {Path(x).name for x in record.provenance.get("path", "").split("; ")}:
         return remedies.leave_out(toml_list([escape(name)]))
@@ -171,7 +203,7 @@ def toml_list(names: Sequence[str | int]) -> str:
 
 
 def toml_table(values: Mapping[str, Any], **blanks: str) -> str:
-    """Format values by role as a TOML table on one line, with words for missing values."""
+    """Return values by role as a TOML table on one line, with words for missing values."""
     stated = {role: json.dumps(x, ensure_ascii=False) for role, x in values.items()}
     return (
         f"{{ {', '.join(f'{role} = {written}' for role, written in (stated | blanks).items())} }}"

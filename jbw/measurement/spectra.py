@@ -1,4 +1,4 @@
-"""Frequency response functions from records, with the variance of the estimate."""
+"""Frequency response functions (FRFs) from records, with the variance of the estimate."""
 
 import warnings
 from collections.abc import Sequence
@@ -24,28 +24,29 @@ from jbw.quantities import Motion, derivative_order
 
 Window = Literal["hann", "boxcar"]
 
-# Width at half power of |W(f)|^2, in bins of 1 / (window length): the distance that separates two
-# lines.
+# Half-power width of |W(f)|^2 in bins of 1 / (window length), the distance at which two lines are
+# distinct.
 RESOLUTION_BINS = {"hann": 1.44, "boxcar": 0.89}
-# If a peak is narrower than this many resolutions, its damping reads at least 5 % too high.
+# If a peak is narrower than this many times the resolution, its damping is estimated at least 5 %
+# too high.
 COARSE = 4.0
 DEFAULT_SEGMENTS = 16
 
 
 @dataclass(frozen=True)
 class FRF:
-    """An estimated receptance with the settings of the estimate."""
+    """An estimated receptance (displacement per input) with the settings of the estimate."""
 
-    freq: Reals  # frequencies, zero excluded [Hz]
-    # Receptance, displacement per unit of input, exp(+j omega t) convention.
+    freq: Reals  # frequencies without zero [Hz]
+    # receptance, displacement per unit of input; convention exp(+j omega t)
     h: Complexes
     coherence: Reals  # ordinary coherence, 0 to 1
-    # E|error|^2 of `h`: the *sum* of the variances of its real and imaginary parts, which are
-    # equal.
+    # E|error|^2 of `h`: the *sum* of the variances of its real and imaginary parts, which are equal
     variance: Reals
     input_spectrum: Reals  # one-sided power spectral density [unit^2/Hz]
-    output_spectrum: Reals  # the same density of the measured response
-    num_averages: float  # number of independent averages equivalent to the overlapping segments
+    output_spectrum: Reals  # density of the measured response
+    # number of independent averages that is equivalent to the overlapping segments
+    num_averages: float
     num_segments: int  # segments of each repeat
     num_repeats: int  # number of averaged repeats
     nperseg: int  # samples per segment
@@ -67,7 +68,7 @@ class FRF:
 
     @property
     def resolution_hz(self) -> float:
-        """The width at half power of the window's own peak [Hz]."""
+        """The half-power width of the window's own spectral peak [Hz]."""
         return RESOLUTION_BINS[self.window] / self.window_s
 
 
@@ -286,7 +287,7 @@ def _segment_length(
 
 def _effective_averages(window: str, nperseg: int, noverlap: int, num_segments: int) -> float:
     """Return the equivalent number of averages, K = N / (1 + 2 sum_m (N - m) / N rho_m^2)."""
-    # N is the number of segments and rho_m the correlation of the window with itself m segments
+    # N is the number of segments, and rho_m is the correlation of the window with itself m segments
     # later: P. D. Welch, IEEE Trans. Audio Electroacoust. 15 (1967) 70-73.
     w = np.asarray(signal.get_window(window, nperseg))
     step = nperseg - noverlap
@@ -320,7 +321,7 @@ def _spectra(
 def averaged(
     u: Reals, y: Reals, *, fs: float, window: str, nperseg: int, noverlap: int
 ) -> tuple[NDArray[Any], ...]:
-    r"""Return frequencies and one-sided spectral densities over the last axis, by Welch's segments.
+    r"""Return frequencies and one-sided spectral densities of the last axis, by Welch's segments.
 
     $$S_{uy} = \frac{2}{f_s \sum_n w_n^2} \langle \bar U Y \rangle, \qquad
       U = \sum_n w_n (u_n - \langle u \rangle)\, e^{-2\pi j k n / N}$$
@@ -355,7 +356,7 @@ def stands_out(h: Complexes) -> bool:
 
 def _warn_when_coarse(estimate: FRF) -> None:
     """Warn if the highest peak is hardly wider than the spectral peak of the window itself."""
-    # A boxcar is meant for whole periods, whose lines are exact at any distance.
+    # A boxcar is meant for whole periods, whose lines are exact at any spacing.
     if estimate.window == "boxcar":
         return
     seen = half_power_bandwidth(estimate.freq, estimate.h)
@@ -374,7 +375,7 @@ def _warn_when_coarse(estimate: FRF) -> None:
 
 
 def strongest_line(x: Reals, fs: float, *, window: Window = "hann", lowest: int = 1) -> float:
-    r"""Return the frequency of the strongest line [Hz], from a parabola through its logarithms.
+    r"""Return the frequency of the strongest line [Hz], by a parabola through logarithms of lines.
 
     $$f = \frac{f_s}{N}\Bigl(k + \frac{a - c}{2 (a - 2b + c)}\Bigr)$$
 
@@ -391,7 +392,7 @@ def strongest_line(x: Reals, fs: float, *, window: Window = "hann", lowest: int 
 
 
 def half_power_bandwidth(freq: Reals, h: Complexes) -> float:
-    """Return the highest peak's width at half power [Hz], linear between lines; may be infinite."""
+    """Return the highest peak's half-power width [Hz], interpolated linearly; may be infinite."""
     power = np.abs(h) ** 2
     top = int(np.argmax(power))
     below = power < power[top] / 2

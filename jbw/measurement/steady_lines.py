@@ -1,4 +1,4 @@
-r"""Removal of steady lines from a free decay, such as hum or a machine that runs nearby.
+r"""Removal of steady lines from a free decay, such as mains hum or a machine nearby.
 
 $$x(t) = \sum_i A_i \cos(2\pi f_i t + \varphi_i)
   + B\,e^{-\sigma t} \cos(2\pi f_0 t + \beta) + e(t)$$
@@ -19,10 +19,10 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Reals
 from jbw.report.messages import reading as messages
 
-PERIODS = 8.0  # fewest periods of a line in half a record; fewer are a drift
-STATED = 1.0  # largest error of a stated frequency, in lines of the half record's spectrum
+PERIODS = 8.0  # smallest number of periods of a line in half a record; fewer are a drift
+STATED = 1.0  # largest error of a stated frequency, in lines of the spectrum of half a record
 KNOWN = 0.3  # largest extrapolated error of a line, divided by its amplitude
-FINER = 8  # spectrum values per line, for the starting values of the mode
+FINER = 8  # number of spectrum values per line, for the starting values of the mode
 
 
 class SteadyLine(NamedTuple):
@@ -104,18 +104,18 @@ def without_lines(
 
 
 def lines_removed(lines: Sequence[SteadyLine]) -> str:
-    """Describe the removed lines in words: frequency, amplitude and error of each line."""
+    """Describe the removed lines in words: frequency, amplitude and error of each."""
     return ", ".join(messages.removed_line(line.hz, line.amplitude, line.error) for line in lines)
 
 
 def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) -> list[float]:
-    """Return starting values of the strongest decay's frequency [Hz] and rate [1/s]."""
+    """Return starting values for the strongest decaying mode: frequency [Hz] and rate [1/s]."""
     size = np.abs(np.fft.rfft((x - np.mean(x)) * np.hanning(len(x)), FINER * len(x)))
     freq = np.fft.rfftfreq(FINER * len(x), 1 / fs)
     size[freq < PERIODS * resolution] = 0
     for hz in lines_hz:
         size[np.abs(freq - hz) < resolution] = 0
-    # The rate is that between the first and second quarter of the record.
+    # The rate is that between the first and the second quarter of the record.
     quarter = len(x) // 2
     fall = np.std(x[:quarter]) / max(float(np.std(x[quarter:])), 1e-300)
     rate = max(np.log(max(fall, 1.0)) * fs / max(quarter, 1), resolution)
@@ -123,12 +123,12 @@ def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) 
 
 
 class _WeightedPart(NamedTuple):
-    """The part of a record to which lines and a decay are fitted, and the columns of the fit."""
+    """The part of a record to which lines and a decay are fitted, with the columns of the fit."""
 
     columns: Float[np.ndarray, "time column"]
     part: Reals
     weight: Reals
-    time: Reals  # times from the middle of the part [s]
+    time: Reals  # times from the middle of this part [s]
 
 
 def _with_errors(
@@ -146,13 +146,13 @@ def _with_errors(
     size = np.linalg.norm(jacobian, axis=0)
     weighed = (weight**2)[:, None] * jacobian / size
     normal = np.linalg.pinv(weighed.T @ jacobian / size)
-    # The sandwich covariance is for white noise with weights that do not match it.
+    # The sandwich covariance is for white noise and weights that do not match it.
     covariance = variance * normal @ (weighed.T @ weighed) @ normal / np.outer(size, size)
-    furthest = length_s - time[-1]  # distance from the middle of the part to the record's start
+    furthest = length_s - time[-1]  # distance of the part's middle from the record's start
     lines = []
     for i, (a, b) in enumerate(amplitudes[: 2 * len(lines_hz)].reshape(-1, 2)):
         chosen = [2 * i, 2 * i + 1, len(amplitudes) + i]
-        # Take the worst phase: the combined errors of amplitude and phase at the furthest end.
+        # The errors of amplitude and phase are combined at the furthest end, for the worst phase.
         peak = float(np.hypot(a, b))
         along = np.array([a, b, 0.0]) / max(peak, 1e-300)
         across = np.array([-b, a, 0.0]) / max(peak, 1e-300)

@@ -10,7 +10,8 @@ from jbw.measurement.channels import channel, lines_within, passband, same_lengt
 from jbw.measurement.spectra import FRF
 from jbw.quantities import Motion, derivative_order
 
-DRIVEN = 1e-3  # share of an input's largest line below which the ratio is that of noise to noise
+# Below this fraction of an input's largest line, the ratio is that of noise to noise.
+DRIVEN = 1e-3
 
 
 def record_frf(
@@ -72,7 +73,7 @@ def record_frf(
     factor = (2j * np.pi * freq) ** derivative_order(response)
     h = above / below * np.exp(2j * np.pi * freq * delay) / factor
     power = 2 / (fs * len(u)) * np.abs(np.array([below, above])) ** 2
-    # Only the shape over the lines matters: constant in the measured response per unit of input.
+    # Only the shape over the lines matters: noise is constant in the measured response.
     variance = np.mean(np.abs(h * factor) ** 2) / np.abs(factor) ** 2
     return FRF(
         freq=freq, h=h, coherence=np.ones_like(freq), variance=variance, input_spectrum=power[0],

@@ -3,9 +3,6 @@ r"""Possible joints for a plan: from ranges before any test, from the posterior 
 The information of a test depends on the joint, which is not known yet. Therefore every number of a
 plan is computed for several possible joints, and the wanted accuracy must be reached for nine
 joints in ten.
-
-The information of a test depends on the joint, which is only guessed. So every number of a plan is
-computed for several joints; nine joints in ten must meet the wish.
 """
 
 from collections.abc import Iterator, Mapping

@@ -88,7 +88,7 @@ class PlanTable(FileTable):
     """The [plan] table of a plan file; parameters of the laws are added separately."""
 
     natural_hz: PositiveRange | None = key(None, "natural frequency at small amplitude [Hz]")
-    omega_n: PositiveRange | None = key(None, "the same [rad/s], instead")
+    omega_n: PositiveRange | None = key(None, "natural frequency [rad/s], instead of natural_hz")
     zeta: PositiveRange = key((0.002, 0.01), "viscous damping ratio [-]")
     gain: PositiveRange | None = key(None, "force per modal mass for one volt [N/kg/V]")
     modal_mass: PositiveRange | None = key(None, "modal mass [kg], if the input is a force in N")
@@ -96,22 +96,22 @@ class PlanTable(FileTable):
         None, "standard deviation of a sample of the response, in noise_unit"
     )
     noise_unit: Annotated[str, BeforeValidator(_motion_unit)] = key(
-        "m/s", "its unit, which states the measured quantity"
+        "m/s", "unit of the noise, which also states the measured quantity"
     )
     fs: Positive | None = key(None, "sampling frequency [Hz]")
     wanted: tuple[str, ...] | None = key(
-        None, "parameters to determine; by default all of the laws"
+        None, "parameters to determine; by default all parameters of the laws"
     )
     cv: Annotated[float, BeforeValidator(_fraction)] = key(
         0.05, "required coefficient of variation [-]"
     )
     max_input: Positive | None = key(None, "largest input [V, N or N/kg]")
     max_displacement: Positive | None = key(None, "largest displacement [m]")
-    max_repeats: Count = key(1000, "most repeats of a test")
+    max_repeats: Count = key(1000, "largest number of repeats of a test")
     joints: Annotated[int, Field(ge=2), BeforeValidator(whole(2))] = key(
-        16, "how many joints are drawn from the ranges"
+        16, "number of joints that are drawn from the ranges"
     )
-    seed: Index = key(0, "of the draws")
+    seed: Index = key(0, "seed of the draws")
 
 
 @cache

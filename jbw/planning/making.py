@@ -3,10 +3,6 @@
 Candidate tests are compared by the expected information of one repeat and by the number of repeats
 that reaches the wanted coefficient of variation (CV); then tests are combined. Parameters enter as
 relative changes, so that standard deviations are CVs.
-
-Candidate tests are judged by the expected information of repeats and by the number of repeats for
-the wished coefficient of variation (CV), and combined. Parameters enter as relative changes, so
-that standard deviations are CVs.
 """
 
 import json

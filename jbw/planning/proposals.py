@@ -56,8 +56,8 @@ class SweepTable(FileTable):
 class DwellingTable(FileTable):
     """The keys that the tables of all tests with several steady points share."""
 
-    dwell: Positive | None = key(None, "time on each step [s]")
-    settle: NonNegative | None = key(None, "first part of that time, which is discarded [s]")
+    dwell: Positive | None = key(None, "duration of each step [s]")
+    settle: NonNegative | None = key(None, "time at the start of each step that is discarded [s]")
 
     @model_validator(mode="after")
     def _settles(self) -> Self:
@@ -73,19 +73,19 @@ class TonesTable(DwellingTable):
     """The [tones] table of a plan file."""
 
     levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
-    frequencies: Numbers | None = key(None, "tones, each alone [Hz]")
+    frequencies: Numbers | None = key(None, "frequencies of the tones, each measured alone [Hz]")
 
 
 class SteppedTable(TonesTable):
     """The [stepped] table of a plan file."""
 
-    frequencies: Numbers | None = key(None, "steps, in turn [Hz]")
+    frequencies: Numbers | None = key(None, "frequencies of the steps, in order [Hz]")
 
 
 class BackboneTable(DwellingTable):
     """The [backbone] table of a plan file."""
 
-    amplitudes: Numbers | None = key(None, "peaks of the displacement, one after the other [m]")
+    amplitudes: Numbers | None = key(None, "peaks of the displacement, in order [m]")
 
 
 READ = {

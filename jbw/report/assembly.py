@@ -1,4 +1,4 @@
-"""The figures of an assembled structure: its modes with its joints, and the loop of every joint."""
+"""Figures of an assembled structure: its modes with its joints, and the loop of every joint."""
 
 from typing import Any
 
@@ -16,12 +16,14 @@ from jbw.report.style import INK, MODEL, SOFT, Panels, finish, panels, title
 from jbw.report.text import axis_label, length_unit, number, percent, plain
 
 JOINTS, ASSEMBLY = "joints", "assembly"
-EXAGGERATED = 0.12  # largest deflection, divided by the structure's largest extent
+EXAGGERATED = 0.12  # largest drawn deflection, divided by the structure's largest dimension
 MOST_MODES, COLUMNS = 6, 2
 MOST_NAMED = 3  # joints named in a title
 ISOMETRIC = np.array([[np.sqrt(0.75), -np.sqrt(0.75), 0.0], [-0.5, -0.5, 1.0]])
-FLAT = 1e-9  # largest extent of a flat direction, relative to the structure's largest extent
-SMALLEST, LARGEST = 12.0, 160.0  # areas of the mark of a joint [pt^2]
+# thickness of a flat structure, relative to its largest dimension, up to which it is drawn in a
+# plane
+FLAT = 1e-9
+SMALLEST, LARGEST = 12.0, 160.0  # areas of the marks for joints [pt^2]
 View = Float[np.ndarray, "2 3"]  # the two directions in which a structure is drawn
 
 
@@ -75,7 +77,7 @@ def view_of(
 
 
 def _moved(group: xr.Dataset, mode: int, view: View) -> Float[np.ndarray, "node 2"]:
-    """Return the displaced nodes of a mode shape, as projected in a view."""
+    """Return the displaced nodes of a mode shape, projected in a view."""
     position, deflection = arrays(group, "position", "deflection")
     scale = EXAGGERATED * np.ptp(position, axis=0).max()
     return (position + scale * deflection[mode]) @ view.T
@@ -93,7 +95,7 @@ def _draw_shape(panel: Axes, group: xr.Dataset, mode: int, view: View) -> None:
 
 
 def _draw_joints(panel: Axes, group: xr.Dataset, joints: xr.Dataset, mode: int, view: View) -> None:
-    """Draw a mark at each joint, whose area grows with the joint's share in the strain energy."""
+    """Draw a mark at each joint, whose area grows with the joint's share of the strain energy."""
     moved, nodes = _moved(group, mode, view), group["node"].values.tolist()
     for i, name in enumerate(joints["joint"].values):
         weights = group["weight"].sel(joint=name)
@@ -125,7 +127,7 @@ def _colour(joint: int) -> str:
 
 
 def _bars(joints: xr.Dataset, ax: Any) -> Panels:
-    """Draw the shares of the joints' losses by mode, with one bar per joint."""
+    """Draw each joint's share of the losses of every mode, with one bar per joint."""
     axes = panels(ax, 1, 1, height=2.6)
     panel = axes[0, 0]
     names, modes = joints["joint"].values, joints["mode"].values

@@ -35,21 +35,22 @@ from jbw.results.run import RunSummary, StoredTest
 WIDTH, HEIGHT = 8.27, 11.69  # A4 [in]
 MARGIN = 0.7  # on every side [in]
 ROOM = WIDTH - 2 * MARGIN  # width of a line of text [in]
-LEADING = 1.45  # distance of two lines relative to their font size
+LEADING = 1.45  # distance of two lines of text, relative to their font size
 POINT = 1 / 72  # [in]
 FIGURE = 3.1  # height of the backbone with its legend [in]
-FOOT = 0.5  # height reserved for the last lines [in]
-PARTS = (0.1, 0.25, 0.5, 1.0)  # lines of the table, as fractions of the largest fitted amplitude
+FOOT = 0.5  # height reserved for the final lines [in]
+# amplitudes in the rows of the table, as fractions of the largest fitted amplitude
+PARTS = (0.1, 0.25, 0.5, 1.0)
 SIZE = 9.0  # usual size of letters [pt]
 COLOURS = {"ok": GREEN, "usable": GREEN, "failed": VERMILLION}
 MEASURE = TextToPath()
 
 
 class Cells(NamedTuple):
-    """A small table: heading, positions of its columns [share of the line], names and rows."""
+    """A small table: heading, positions of its columns [fraction of the line], names and rows."""
 
     heading: str
-    # Position of each column's beginning and end, and its alignment.
+    # beginning and end of each column, and its alignment
     columns: Sequence[tuple[float, float, str]]
     names: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -69,7 +70,7 @@ def write_brief(
     buffer = io.BytesIO()
     metadata = {"Title": _name(summary), "Creator": f"jbw {__version__}", "Producer": None}
     with warnings.catch_warnings(), matplotlib.rc_context({"pdf.fonttype": 42}):
-        # Matplotlib shows a letter that the font lacks as a box.
+        # Matplotlib draws a letter that the font lacks as a box.
         warnings.filterwarnings("ignore", message="Glyph")
         figure.savefig(buffer, format="pdf", metadata={**metadata, "CreationDate": None})
     return buffer.getvalue()
@@ -106,7 +107,7 @@ def _name(summary: RunSummary) -> str:
 
 
 def _verdict(figure: Figure, top: float, summary: RunSummary, quantities: Any) -> float:
-    """Draw a box that states how the results may be used, and the first reason against them."""
+    """Draw a box that states how the results may be used, and the main reason against them."""
     word = badge(summary.verdict.status).word
     use, colour = messages.USE.get(word, messages.PROVISIONAL), COLOURS.get(word, ORANGE)
     start = top
@@ -173,7 +174,7 @@ def _levels(tree: xr.DataTree) -> Cells:
         PARTS, frequency, damping, strict=True
     ):
         # Q falls where the damping rises, so the ends of the interval are exchanged. Without
-        # damping Q is infinite.
+        # damping, Q is infinite.
         quality = NOTHING if least <= 0 else _interval(*(0.5 / x for x in (most, ratio, least)))
         rows.append(
             (
@@ -194,7 +195,7 @@ def _levels(tree: xr.DataTree) -> Cells:
 
 
 def _interval(low: float, middle: float, high: float) -> str:
-    """Format a value and its interval to two digits of a fifth of the width, at most six digits."""
+    """Format a value with its interval; the interval's width determines the number of digits."""
     widened = max(0.2, 1e-5 * abs(middle) / (high - low)) if high > low else 0.2
     return interval(low, middle, high, widened)
 
@@ -277,7 +278,7 @@ def _worst(rows: Sequence[StoredTest]) -> str:
 
 
 def _foot(figure: Figure, summary: RunSummary, tree: xr.DataTree) -> None:
-    """Draw the last lines of the brief: how to read the results, and from which run they come."""
+    """Draw the final lines of the brief: how to read the results, and which run they come from."""
     created_at = (
         str(tree["posterior"].attrs.get("created_at", "")) if "posterior" in tree.children else ""
     )
@@ -293,7 +294,7 @@ def _foot(figure: Figure, summary: RunSummary, tree: xr.DataTree) -> None:
 def _table(
     figure: Figure, top: float, cells: Cells, most: int = 99, floor: float = MARGIN
 ) -> float:
-    """Draw a table on the brief, with as many rows as fit."""
+    """Draw a table on the brief with as many rows as fit; return the height at which it ends."""
     if not cells.rows:
         return top
     height = SIZE * POINT * LEADING
@@ -318,7 +319,7 @@ def _table(
 
 
 def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: Any) -> float:
-    """Write one line on the brief, shortened to the page's width; return the next height."""
+    """Write one line on the brief, shortened to the page's width; return the next line's height."""
     size = float(look.get("size", SIZE))
     shortened = _shortened(text, ROOM - indent, size, str(look.get("weight", "normal")))
     _put(figure, MARGIN + indent, top, shortened, **look)
@@ -326,14 +327,14 @@ def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: An
 
 
 def _paragraph(figure: Figure, top: float, text: str, most: int, indent: float = 0.0) -> float:
-    """Write a text onto the one-page brief in at most `most` lines; return the next height."""
+    """Write a text on the brief in at most `most` lines; return the height of the next line."""
     for line in _broken(text, ROOM - indent, SIZE, most):
         top = _line(figure, top, line, indent=indent)
     return top - 0.03
 
 
 def _put(figure: Figure, x: float, top: float, text: str, **look: Any) -> None:
-    """Write a text on a figure at a position [in]; dollar signs begin no formula."""
+    """Write a text on a figure at a position [in]; dollar signs do not begin formulas."""
     if text:
         figure.text(
             x / WIDTH,
@@ -346,7 +347,7 @@ def _put(figure: Figure, x: float, top: float, text: str, **look: Any) -> None:
 
 
 def _broken(text: str, width: float, size: float, most: int) -> list[str]:
-    """Return a text broken into lines of a width [in]; shorten the last line if it is too long."""
+    """Wrap a text into lines of a width [in]; shorten the last line if the text is too long."""
     lines = [""]
     words = list(_pieces(printable(text).split(), width, size))
     for i, word in enumerate(words):
@@ -374,7 +375,7 @@ def _pieces(words: Sequence[str], width: float, size: float) -> Iterator[str]:
 
 
 def _shortened(text: str, width: float, size: float, weight: str = "normal") -> str:
-    """Return a text that fits into a width [in], shortened with an ellipsis if necessary."""
+    """Return a text that fits into a width [in]; a text that is too long ends with an ellipsis."""
     text = " ".join(printable(text).split())
     if _width(text, size, weight) <= width:
         return text

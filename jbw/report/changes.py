@@ -1,4 +1,4 @@
-"""Tables and figures of a changed joint: two runs compared, and a watch record by record."""
+"""Tables and figures of a changed joint: two runs compared, and monitoring record by record."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -30,7 +30,7 @@ from jbw.results.differences import ComparedQuantity, RunDifference, RunsSideByS
 from jbw.results.watch import WatchLine, WatchSettings
 
 RUNS = ("A", "B")
-LEAST = 1e-3  # Probabilities below this value, or above 1 minus this value, are stated as bounds.
+LEAST = 1e-3  # Probabilities below this, or above 1 minus this, are stated as bounds.
 QUANTITIES = {"frequency": "frequency [Hz]", "damping": "damping ratio [%]"}
 LEVEL = 0.99  # probability of the band for a new record of an unchanged joint
 
@@ -60,7 +60,7 @@ def backbone_table(record: RunDifference) -> Table:
 
 
 def side_by_side_table(record: RunsSideBySide) -> Table:
-    """Return a table of runs by torque: frequency and damping at two common amplitudes."""
+    """Return a table of runs by torque: frequency and damping at two amplitudes common to all."""
     amplitudes = sorted({row.amplitude for row in record.readings})
     factor, unit = length_unit(amplitudes[-1])
     read = {(row.run, row.amplitude): row for row in record.readings}
@@ -118,7 +118,7 @@ def _interval(ends: Sequence[float]) -> str:
 
 
 def probability_text(row: ComparedQuantity) -> str:
-    """Format the probability P(A > B) to three digits; `prior` if not determined by data."""
+    """Format the probability P(A > B) to three digits; "prior" if data do not determine it."""
     if row.of_prior:
         return "prior"
     value = row.probability
@@ -183,7 +183,7 @@ def watch_figure(settings: WatchSettings, readings: Sequence[WatchLine], ax: Any
 
 
 def watch_sheet(name: str, settings: WatchSettings, readings: Sequence[WatchLine]) -> Sheet:
-    """Return the page of a watch: figure, statement on every alarm, table of all records."""
+    """Return the page of a monitored joint: figure, statement on every alarm, table of records."""
     alarms = [reading for reading in readings if reading.alarm]
     stated = [f"{row.record}: {row.statement}" for row in alarms if row.statement]
     last = [reading.statement for reading in readings if reading.statement][-1:]
@@ -225,5 +225,5 @@ def watch_table(settings: WatchSettings, lines: Sequence[WatchLine]) -> Table:
 
 
 def _damping(line: WatchLine) -> float | None:
-    """Return the damping ratio of a watched record at the first amplitude, in per cent."""
+    """Return the damping ratio of a monitored record at the first amplitude, in per cent."""
     return 100 * float(np.exp(line.values[1])) if line.values else None

@@ -1,4 +1,4 @@
-"""The charts of the interactive page: responses, loops and curves, read from the report's axes.
+"""The charts of the interactive page: responses, loops and curves, taken from the report's axes.
 
 Curves have fewer points than in the report: thinning keeps their extremes.
 """
@@ -39,7 +39,7 @@ from jbw.report.result import (
 from jbw.report.style import MODEL, shade
 from jbw.report.text import axis_label
 
-# Largest number of samples of a record that a browser moves smoothly, around its largest response.
+# largest number of samples of a record, around its largest response, that a browser moves smoothly
 LONGEST = 12000
 HERTZ = "frequency [Hz]"
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
@@ -49,7 +49,7 @@ Values = Float[np.ndarray, " point"]
 
 
 class Chart(NamedTuple):
-    """One interactive figure: heading, axis labels, and plotly's traces as dictionaries."""
+    """One interactive figure: heading, axis labels, and data in plotly's form."""
 
     heading: str
     axes: tuple[str, str]
@@ -58,12 +58,12 @@ class Chart(NamedTuple):
 
 
 def shown_text(name: object) -> str:
-    """Return a name for plotly's labels, with the special characters of HTML escaped."""
+    """Return a name for plotly's labels, in which the special characters of HTML are escaped."""
     return html.escape(printable(str(name)).replace(r"\$", "$"))
 
 
 def traces(ax: Axes) -> list[Trace]:
-    """Return the bands and lines of matplotlib axes as traces for plotly."""
+    """Return the bands and lines of matplotlib axes in plotly's form."""
     drawn_traces = []
     artists: list[Any] = [*ax.collections, *ax.lines]
     for artist in artists:
@@ -120,7 +120,7 @@ def _called(name: str, test: xr.Dataset) -> str:
 
 
 def _draw(ax: Axes, x: Any, model: Any, measured: Any, colour: str, name: str) -> None:
-    """Draw one of several tests on an interactive chart, with all of its parts in one colour."""
+    """Draw one of several tests on an interactive chart, everything in one colour."""
     shade(ax, x, model[0], model[2], colour, "_band")
     ax.plot(x, model[1], color=colour, label="_median")
     ax.plot(x, measured, "o", color=colour, label=f"measured, {name}")
@@ -182,7 +182,7 @@ def _forced_loops(tree: xr.DataTree) -> Drawn:
 
 
 def _groups(tree: xr.DataTree) -> Drawn:
-    """Draw tests of kinds that were added to jbw, with one chart per group of values."""
+    """Draw tests of kinds that extensions added, with one chart per group of values."""
     for _, name, test in verified(tree, "axis"):
         axis = str(test.attrs["axis"])
         kind = str(test.attrs.get("kind", "response")).replace("_", " ")
@@ -201,7 +201,7 @@ def _backbone(tree: xr.DataTree) -> Drawn:
 
 
 def shared_limit(sizes: Sequence[int], total: int) -> int:
-    """Return how many points each curve may have, if all curves together have `total` points."""
+    """Return the largest number of points per curve such that all curves have at most `total`."""
     low, high = 2, max([2, *sizes])
     while low < high:
         middle = (low + high + 1) // 2
@@ -211,7 +211,7 @@ def shared_limit(sizes: Sequence[int], total: int) -> int:
 
 
 def decimated(x: Values, y: Values, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Reduce a curve to the extremes of each segment of its abscissa, about `most` points.
+    """Reduce a curve to the extremes of equal intervals, to about `most` points.
 
     Each part between NaN values keeps its first and last point, so that a band stays closed and a
     gap stays a gap. A curve of `most` points or fewer is returned unchanged.
@@ -232,7 +232,7 @@ def decimated(x: Values, y: Values, most: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _extremes(y: Values, width: int) -> np.ndarray:
-    """Return the indices of each segment's least and largest value, and of both ends."""
+    """Return the indices of each interval's smallest and largest value, and of both ends."""
     starts = np.arange(0, len(y), width)
     padded = np.append(y, np.full(-len(y) % width, y[-1])).reshape(-1, width)
     extremes = (starts + padded.argmin(axis=1), starts + padded.argmax(axis=1))

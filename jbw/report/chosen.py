@@ -6,7 +6,7 @@ import xarray as xr
 
 from jbw.errors import ConfigError, DataError
 
-MOST = 3  # tests that a figure draws side by side
+MOST = 3  # largest number of tests that a figure draws side by side
 Tests = list[tuple[str, xr.Dataset]]
 Part = Literal["chosen", "rest", "all"]
 

@@ -12,12 +12,13 @@ from jbw.report.text import NOTHING, length_unit, number, percent
 if TYPE_CHECKING:
     from jbw.results.run import StoredCycle, StoredLoop  # loads pydantic
 
-MOST_CYCLES = 12  # cycles of one test in a table
-ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))  # factor and unit in which an angle is shown
+MOST_CYCLES = 12  # largest number of cycles of one test in a table
+# factor from radians to each unit of angle, and the name of the unit
+ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))
 
 
 def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
-    """Return the unit in which a displacement [m] or rotation [rad] exceeds one, and its factor."""
+    """Return factor and unit with which a displacement [m] or rotation [rad] exceeds one."""
     if unit != "rad":
         return length_unit(largest)
     return next((prefix for prefix in ANGLES if largest * prefix[0] >= 1.0), ANGLES[-1])
@@ -56,7 +57,7 @@ def _retained(row: "StoredCycle") -> str:
 
 
 def unit_of_motion(loops: Sequence["StoredLoop"]) -> str:
-    """Return `rad` if all loops are of torque and rotation, else `m`."""
+    """Return "rad" if all loops are of torque and rotation, otherwise "m"."""
     return "rad" if {loop.unit for loop in loops} == {"rad"} else "m"
 
 

@@ -1,4 +1,4 @@
-"""The figures of the oscillator and of the procedure, with the results of a run."""
+"""Figures of the oscillator and of the steps of the method, with the results of a run."""
 
 from typing import Any, NamedTuple
 
@@ -27,10 +27,10 @@ from jbw.report.result import (
 from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, title
 from jbw.report.text import NOTHING, number, percent, plain, quantity, shown_as, spread_text
 
-# For each law with memory: the initial stiffness of its force, and the rate of this force.
+# for each law with memory: the initial stiffness of its force, and the rate of this force
 RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}
 SPRINGS = {"cubic": "λ₃ y³"}
-MOST = 6  # parameters for which the drawing has room
+MOST = 6  # largest number of parameters in the drawing
 WALL, MASS, RIGHT = 0.6, 4.6, 7.0  # abscissae of the drawing
 SPRING, DAMPER, HYSTERESIS = 9.6, 8.2, 6.8  # ordinates of its elements
 STROKE: Any = {"color": INK, "lw": 1.2, "solid_capstyle": "round"}
@@ -126,7 +126,7 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
 
 
 def _spread(parameter: PosteriorParameter) -> str:
-    """Return a parameter's median with half of its 99 % interval, as text."""
+    """Return a parameter's median, with half of its 99 % interval, as text."""
     factor, unit, _ = shown_as(parameter.name, parameter.unit)
     return spread_text(factor * parameter.draws, unit)
 
@@ -152,7 +152,7 @@ class StepBox(NamedTuple):
 
 
 def _height(box: StepBox) -> float:
-    """Return the height of a step's box [in], which has room for a name of two lines."""
+    """Return the height of a step's box [in], with space for a name of two lines."""
     return 2 * PAD + LINE * max(2, sum(1 + outcome.words.count("\n") for outcome in box.outcomes))
 
 

@@ -42,7 +42,7 @@ from jbw.run.netcdf import read_tree
 under_way = logging.getLogger("jbw.progress")
 DPI = 130  # resolution of a PNG
 EMBEDDED = 42  # embeds fonts of a PDF as TrueType, which journals require
-# Without a date two runs write identical bytes.
+# Without a date, two runs write identical bytes.
 DATES: dict[str, dict[str, None]] = {
     "png": {},
     "svg": {"Date": None},
@@ -54,13 +54,13 @@ class ReportFigure(NamedTuple):
     """One figure of the report: its name, function, texts and group."""
 
     slug: str  # file name without suffix
-    name: str  # figure_1 to figure_13 as in the paper, or another name
+    name: str  # "figure_1" to "figure_13" as in the paper of Teloli et al., or another name
     # Function of (tree, ax) that draws the figure; its docstring begins with question and caption.
     draw: Callable[..., Any]
     question: str  # question that the figure answers, which is its title on the page
     caption: str  # what the figure shows and what to look for
     group: str = "structure"  # group of the figure on the page, a key of `GROUPS`
-    # Function of (tree), for the tests that `draw` leaves out.
+    # function of (tree) that draws the tests which `draw` leaves out
     rest: Callable[..., Any] | None = None
 
 
@@ -128,21 +128,21 @@ def figure_of(drawn: Any) -> Figure:
 
 
 class DrawnFigure(NamedTuple):
-    """The outcome of drawing one figure: pictures as SVG, or the reason why it failed."""
+    """The outcome of drawing one figure: images as SVG, or the reason why it failed."""
 
     svg: str = ""  # SVG in the page's themes
-    rest: str = ""  # SVG with the tests that the first picture leaves out, if any
-    missing: str = ""  # reason why there is no picture, as a sentence
+    rest: str = ""  # SVG with the tests that the first image leaves out, if any
+    missing: str = ""  # reason why there is no image, as a sentence
 
 
 class Files(NamedTuple):
-    """The folder and the formats for saving figures as files."""
+    """The folder and the formats in which figures are saved as files."""
 
     folder: Path
     formats: Sequence[str]
 
     def write(self, figure: Figure, slug: str) -> None:
-        """Write a figure in every requested format."""
+        """Write a figure to a file in every requested format."""
         for ending in self.formats:
             with matplotlib.rc_context({"svg.hashsalt": slug, "pdf.fonttype": EMBEDDED}):
                 figure.savefig(
@@ -173,7 +173,7 @@ class Beside(Protocol):
 def draw_figures(
     tree: xr.DataTree, files: Files | None = None, beside: tuple[Beside, Path] | None = None
 ) -> dict[str, DrawnFigure]:
-    """Draw every figure for which a result has data, and return the pictures by name.
+    """Draw every figure for which a result has data, and return the images by name.
 
     Args:
         tree: Result of the run.
@@ -202,7 +202,7 @@ def draw_figures(
 
 
 def draw_when_asked() -> None:
-    """Run the second process: draw the figures that one line of standard input names."""
+    """Run the second process: draw the figures that a line of standard input names."""
     # The requesting process handles the interrupt and ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Standard output must contain nothing but the answer.
@@ -221,7 +221,7 @@ def draw_when_asked() -> None:
 
 
 def _drawn(entry: ReportFigure, tree: xr.DataTree, files: Files | None) -> DrawnFigure:
-    """Draw one figure; if it fails, return the reason, so that other figures and tables remain."""
+    """Draw one figure; if that fails, return the reason, so that the rest of the report remains."""
     drawn = DrawnFigure()
 
     def written(figure: Figure, end: str = "") -> str:

@@ -1,4 +1,4 @@
-"""The band of the law without a prescribed form, drawn with a law's backbone."""
+"""The band of the free-form law, drawn next to the backbone of a law."""
 
 import numpy as np
 import xarray as xr
@@ -10,7 +10,7 @@ from jbw.report.style import INK
 
 
 def draw_free_band(ax: Axes, tree: xr.DataTree, name: str, factor: float, scale: float) -> None:
-    """Draw both ends of a quantity's 99 % band without a prescribed law, within the axes' limits.
+    """Draw both ends of a 99 % band of the free-form law, within the limits of the axes.
 
     Nothing is drawn if a result has no such band. The band widens without limit beyond the
     readings; the limits of the axes therefore stay as they were before.

@@ -1,4 +1,4 @@
-"""The figures and tables of the parameters and combinations that the data constrain."""
+"""Figures and tables of the parameters and combinations that the data determine."""
 
 import re
 from collections.abc import Sequence
@@ -22,8 +22,8 @@ from jbw.report.words import combination
 from jbw.results.run import StoredDirection, StoredIdentifiability, StoredProfile, StoredShift
 
 GROUP = "identifiability"
-# smallest displayed value, relative to the prior's standard deviation; shorter bars would compress
-# the others
+# smallest displayed value, relative to the prior's standard deviation; shorter bars would make the
+# others too short
 LEAST = 1e-6
 LISTED = 3  # largest number of names of a combination in its label
 
@@ -121,7 +121,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def directions_table(found: StoredIdentifiability, quantities: Names) -> Table:
-    """Return the table of the information spectrum, best determined combination first."""
+    """Return the table of the information spectrum, with the best determined combination first."""
 
     def direction(row: StoredDirection) -> Cell:
         return Cell(combination(row.combination, quantities), typed=row.combination)
@@ -136,7 +136,7 @@ def directions_table(found: StoredIdentifiability, quantities: Names) -> Table:
 
 
 def quantities_table(found: StoredIdentifiability, quantities: Names) -> Table:
-    """Return a table of how precisely each parameter is determined, before and after sampling."""
+    """Return the table of how precisely each parameter is determined, before and after sampling."""
     return table(
         "Parameters and combinations",
         [*found.parameters.values(), *found.combinations.values()],
@@ -161,7 +161,7 @@ def quantities_table(found: StoredIdentifiability, quantities: Names) -> Table:
 
 
 def _waterfall(costs: Sequence[float | None]) -> str:
-    """Return the sentence on the final costs of fits from several starts."""
+    """Return the sentence on the final costs of fits from several starting points."""
     if len(costs) < 2:
         return ""
     shown = ["none" if cost is None else number(cost, digits=4) for cost in costs]
@@ -169,7 +169,7 @@ def _waterfall(costs: Sequence[float | None]) -> str:
 
 
 def _shift(move: StoredShift | None, quantities: Names) -> str:
-    """Return how far a posterior mean moves with its prior bounds [sd], and with which bound."""
+    """Return the shift of a posterior mean with a prior bound [sd], and that bound."""
     if move is None or not move.box:
         return NOTHING
     size = "∞" if move.shift is None else number(move.shift, 0.1)

@@ -19,7 +19,7 @@ def law_order(record: "StoredLaws") -> list[str]:
     def rank(name: str) -> tuple[bool, float]:
         row = record.laws[name]
         scores = (score for score in (row.elpd, row.log_evidence) if score is not None)
-        # With few runs the evidence decides, whatever the scores of predictions are.
+        # With few sessions the evidence decides, whatever the scores of predictions are.
         return row.answer == "best", next(scores, worst)
 
     return sorted(record.laws, key=rank, reverse=True)
@@ -50,7 +50,7 @@ def laws_table(record: "StoredLaws") -> Table:
 
 
 def free_law_table(record: "StoredLaws") -> Table | None:
-    """Return a table of laws fitted to frequency and damping alone, best first; None if missing."""
+    """Return a table of laws fitted to frequency and damping only, best first; None if missing."""
     if record.free_law is None:
         return None
     differences = record.free_law.log_evidence_difference

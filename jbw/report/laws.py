@@ -1,4 +1,4 @@
-"""The figures and the page of a comparison of laws: amplitude, loops, residuals, left-out runs."""
+"""Figures and page of a comparison of laws: curves, loops, residuals, held-out sessions."""
 
 from collections.abc import Sequence
 from operator import itemgetter
@@ -22,8 +22,9 @@ from jbw.report.words import Badge
 from jbw.results.laws import StoredLaws
 
 LOOKS = [(colour, dashes) for dashes in ("-", "--", ":") for colour in LEVELS]
-RUN_ROW = 0.22  # height of the line of one run [in]
-MOST = 4  # laws drawn at once; the others are in a folded figure
+RUN_ROW = 0.22  # height of the line of one session [in]
+# number of laws that are drawn at once; a further figure, which opens on a click, shows the others
+MOST = 4
 LAW_ROW = 1.9  # height of a law's panels [in]
 ROUND = 0.35  # margin around the points and the best law, as a fraction of their range
 
@@ -54,7 +55,7 @@ def laws_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
     amplitude, y_fitted = 1e3 * arrays(curves, "amplitude")[0], curves.attrs["y_fitted"]
-    # A comparison by an earlier version lacks this entry.
+    # A comparison made by an earlier version lacks this entry.
     hopeless = curves.get("hopeless", xr.zeros_like(curves["law"], bool))
     for panel, name, unit, scale in (
         (axes[0], "frequency", "Hz", 1.0),
@@ -139,7 +140,7 @@ def render_laws(tree: xr.DataTree, record: StoredLaws) -> str:
 def law_backbones(
     tree: xr.DataTree, record: StoredLaws, laws: Sequence[str], ax: Any = None
 ) -> Panels:
-    """Draw the backbone and the measured points of each law, one row per law, on a common scale.
+    """Draw each law's backbone with the measured points, one row per law, on a common scale.
 
     Panels: frequency and damping ratio of each law (2 axes per law, row by row).
     """

@@ -16,8 +16,9 @@ from jbw.results.loads import LoadNumber
 from jbw.run.files import hash_of
 from jbw.run.netcdf import read_tree
 
-FOLDER, FILE = "predictions", "loads.nc"  # place of the output of `jbw predict`
-POSTERIOR = "posterior_sha256"  # attribute: SHA-256 of the posterior that predicts
+FOLDER, FILE = "predictions", "loads.nc"  # folder of the output of `jbw predict`
+# attribute with the SHA-256 hash of the posterior that made the prediction
+POSTERIOR = "posterior_sha256"
 
 
 class LoadSection(NamedTuple):
@@ -50,7 +51,7 @@ def load_section(run: Path) -> LoadSection | None:
         rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
         figures = [_picture(name, dataset) for name, dataset in found.items()]
         remark = messages.contains(**next(iter(found.values())).attrs)
-    # The predictions are damaged, but not the rest of the report.
+    # The predictions are damaged, but the rest of the report is not.
     except (OSError, KeyError, TypeError, ValueError, StopIteration):
         return LoadSection(messages.unreadable_loads(str(run)), load_table([]))
     return LoadSection(remark, load_table(rows), figures)
@@ -70,7 +71,7 @@ def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:
 
 
 def load_rows(name: str, dataset: xr.Dataset) -> list[LoadNumber]:
-    """Return rows of a load's scalar results with 99 % bands, one per quantity and level."""
+    """Return a load's scalar results as rows with 99 % bands, one per quantity and level."""
     rows, level_unit = [], dataset.attrs["source_unit"]
     for key, values in dataset.data_vars.items():
         if values.dims not in (("quantile",), ("quantile", "level")):

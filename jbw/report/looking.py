@@ -1,4 +1,4 @@
-"""The figures of records without a model: each channel over time and frequency, and all tests."""
+"""Figures of records without a model: each channel over time and frequency, and all tests."""
 
 import re
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ from jbw.report.text import axis_label, length_unit, plain, unit_text
 
 MOST_NAMED = 12  # tests named in a legend
 DOTS = {"ls": "", "marker": ".", "ms": 4}
-COLUMNS = 400  # columns of a spectrogram, and of a channel's drawn extremes
+COLUMNS = 400  # number of columns of a spectrogram, and of a channel's drawn extremes
 LONGEST, SHORTEST = 1024, 32  # largest and smallest length of a spectrogram's window [samples]
 WINDOWS = 24  # number of adjacent windows of a spectrogram in a short record
 RANGE = 90.0  # range of a spectrogram below its largest value [dB]
@@ -64,7 +64,7 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _families(tests: list[xr.Dataset]) -> list[str]:
-    """Return each test's label: kind and level if several tests share them, else its name."""
+    """Return each test's label: kind and level if several tests share them, otherwise its name."""
     kind_and_level = [(test.attrs["kind"], test.attrs.get("level")) for test in tests]
     return [
         f"{kind}, {level:g}" if level is not None and kind_and_level.count((kind, level)) > 1
@@ -87,7 +87,7 @@ def _responses(only: Axes, tests: list[xr.Dataset], colours: list[str]) -> None:
 
 
 def channel_overview(record: Record, ax: Any = None) -> Panels:
-    """Draw every channel in one row: over time, as power spectral density and as spectrogram."""
+    """Draw every channel in one row: over time, as power spectral density, and as spectrogram."""
     if CURVE in record.channels:
         return _curve(record, ax)
     names = list(record.channels)
@@ -109,7 +109,7 @@ def time_history(
     samples = np.asarray(record.channels[channel], float)
     time = np.arange(samples.size) / record.fs
     if samples.size > 2 * COLUMNS:
-        # The extremes of a slow motion are close together; the edge keeps them visible.
+        # The extremes of a slow motion are close together; the drawn edge keeps the area visible.
         ends = extremes(time, samples, samples, COLUMNS)
         shade(only, *ends, colour, channel, alpha=0.8, lw=0.6)
     else:
@@ -159,7 +159,7 @@ def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
 
 
 def _complete(record: Record, channel: str) -> Samples:
-    """Return a channel minus its mean, with zero for missing samples."""
+    """Return a channel minus its mean, with zero in place of missing samples."""
     samples = np.asarray(record.channels[channel], float)
     is_finite = np.isfinite(samples)
     return np.where(
@@ -190,7 +190,7 @@ def _density_unit(record: Record, channel: str) -> str:
 def save_overviews(
     records: Iterable[tuple[str, Record]], folder: Path, dpi: int = 110
 ) -> list[Path]:
-    """Save one overview per test as PNG, given test names with one record each; return paths."""
+    """Save one overview per test as PNG, from names of tests with one record each; return paths."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for place, (name, record) in enumerate(records, start=1):

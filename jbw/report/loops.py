@@ -1,4 +1,4 @@
-"""The figures of hysteresis loops with areas, and of frequency and damping against amplitude."""
+"""Figures of hysteresis loops with areas, and of frequency and damping against amplitude."""
 
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -32,7 +32,7 @@ from jbw.report.text import axis_label, length_unit, number, plain, unit_text
 MILLI, KILO, PERCENT = 1e3, 1e3, 100.0
 BAND_SDS = 5.15
 """Width of a normal variable's 99 % interval in standard deviations."""
-# If slip changes the hysteretic force by less than this share, only the change is drawn.
+# If slip changes the hysteretic force by less than this fraction, only the change is drawn.
 LITTLE = 0.2
 Curve = Float[np.ndarray, " point"]
 Ring = Float[np.ndarray, " point+1"]
@@ -171,7 +171,7 @@ def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
 
 
 def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
-    """Return the segments of a displacement between its main turning points, as slices.
+    """Return slices between the main turning points of a displacement.
 
     Turning points that differ by less than `least` of the whole range are ignored.
     """
@@ -211,7 +211,7 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def draw_loops(tree: xr.DataTree, only: Axes) -> None:
-    """Draw the hysteretic force of the identified joint along cycles of three amplitudes."""
+    """Draw the hysteretic force of the identified joint over cycles of three amplitudes."""
     # If slip changes the force by less than a fifth, only the change is drawn.
     curve = branch(tree, BACKBONE, "loop_y", "loop_z", "loop_slip", "stuck")
     y = np.asarray(curve["loop_y"].transpose("loop", "phase"), float)

@@ -1,4 +1,4 @@
-"""The readings of records without a model, as points next to the model's backbone."""
+"""Measured frequency and damping as points next to the model's backbone."""
 
 from typing import NamedTuple
 
@@ -12,9 +12,9 @@ from jbw.report.style import INK, SKY
 from jbw.report.text import plain
 
 MARKERS = "osD^v<>"  # one marker per kind of test, repeated if there are more kinds
-# relative to the largest motion: measurements within this range are repeats of one another
+# Measurements within this range, relative to the largest motion, are repeats of one another.
 ALIKE = 0.1
-# Relative distance from the joint's frequency, beyond which a measured frequency is another mode's.
+# relative distance from the joint's frequency, beyond which a measured frequency is another mode's
 OTHER_MODE = 0.15
 
 Values = Float[np.ndarray, " reading"]
@@ -27,7 +27,8 @@ class MeasuredPoints(NamedTuple):
     is_fitted: bool
     y: Values  # amplitude of the displacement [m]
     values: dict[str, Values]  # frequency [Hz] and damping [-]
-    std: dict[str, Values]  # sd between repeats, or of the measurement; NaN if neither is known
+    # standard deviation between repeats, or of the measurement; NaN if neither is known
+    std: dict[str, Values]
 
 
 def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[MeasuredPoints]:

@@ -17,7 +17,7 @@ from jbw.report.text import length_unit, number
 TURN = 2 * np.pi
 ORDERS = (3, 5, 7)
 NEAR = 0.01  # relative distance between two frequencies that counts as an internal resonance
-# number of turning points of a joint's motion in a period above which a backbone ends
+# A backbone ends where a joint's motion has more turning points per period than this.
 MAX_TURNS = 2
 
 Levels = Float[np.ndarray, " level"]
@@ -131,7 +131,7 @@ def interactions(
 
 
 def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
-    """Return the amplitude at which a difference of two frequencies is zero, or else smallest."""
+    """Return the amplitude at which the difference of two frequencies is zero, or else smallest."""
     turns = np.flatnonzero(np.diff(np.sign(away)) != 0)
     if not len(turns):
         return float(levels[nearest])
@@ -160,7 +160,7 @@ def _title(mode: int, curve: BackboneCurve, factor: float, unit: str) -> str:
 
 
 def _mark(column: Panels, interaction: tuple[int, int, float], factor: float, unit: str) -> None:
-    """Mark the amplitude at which a harmonic meets another mode with a line, and name that mode."""
+    """Draw a line at the amplitude at which a harmonic meets another mode; name that mode."""
     order, mode, x_peak = interaction
     place = factor * x_peak
     for panel in column:

@@ -23,7 +23,7 @@ from jbw.report.style import (
 from jbw.report.text import length_unit
 
 BACKBONES = "backbones"
-ONE_LINE = 3  # modes that are drawn side by side
+ONE_LINE = 3  # number of modes that are drawn side by side
 HEIGHT, HEIGHT_OF_LINE = 6.0, 5.0  # [in]
 
 
@@ -100,6 +100,6 @@ def mode_columns(ax: Any, num_modes: int) -> tuple[Panels, list[Panels]]:
     height = HEIGHT if num_modes <= ONE_LINE else HEIGHT_OF_LINE
     axes, columns = stacks(None, num_modes, 3, height=height, sharex="col")
     for *_, lowest in columns:
-        # Shared axes would have tick labels only in the last line.
+        # Shared axes would have tick labels only in the last row.
         lowest.tick_params(labelbottom=True)
     return axes, [np.ravel(column) for column in columns]

@@ -1,4 +1,4 @@
-"""The first findings of a run: five sentences, the determined parameters and one picture.
+"""The first statements on a run: five sentences, the determined parameters and one figure.
 
 The sentences state the effect of the joint, the errors of fitted and of held-out tests, the
 parameters that are not identified, and the next step.
@@ -28,18 +28,18 @@ from jbw.results.run import (
     StoredTest,
 )
 
-# smaller amplitude of a comparison, relative to the largest fitted displacement; the joint hardly
-# slips there
+# smaller amplitude of a comparison, relative to the largest fitted displacement; at this amplitude
+# the joint hardly slips
 LOW = 0.1
 MOST_SHOWN = 8
 LARGE_ODDS = 4  # number of digits above which odds are written as a power of ten
 
-# Candidates for the first picture, in order; the second list applies if the tree has no frequency
+# candidates for the first figure, in order; the second list applies if the tree has no frequency
 # and damping of records. If a joint's motion is prescribed, its loops come first.
 LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "loops")
 UNMEASURED = "zeta"  # parameter that a campaign without a free or driven mode cannot determine
 CAUSE = "cause"  # finding that names a fault of the data as the cause of the residual
-POORLY = 2  # grade of a parameter that the data constrain more than the prior, but not to 30 %
+POORLY = 2  # grade of a parameter that the data determine better than the prior, but not to 30 %
 ABSENT = "no_joint"  # finding that replaces the first sentence: no joint is detected
 
 
@@ -66,7 +66,7 @@ def opening(summary: RunSummary, tree: xr.DataTree) -> list[str]:
 
 
 def split_sentence(summary: RunSummary) -> str | None:
-    """Return the sentence on fitted and held-out tests and repeats; None without tests."""
+    """Return the sentence on which tests and repeats were fitted or held out; or None."""
     split = [(row, row.fitted_repeats) for row in summary.tests or ()]
     rows = [(row, used) for row, used in split if used is not None]
     sides: tuple[list[str], list[str]] = ([], [])
@@ -100,7 +100,7 @@ def known_parameters(summary: RunSummary) -> list[str]:
 
 
 def _unit_of_motion(summary: RunSummary) -> str:
-    """Return `rad` if all tests are of torque and rotation, else `m`."""
+    """Return "rad" if all tests are of torque and rotation, otherwise "m"."""
     look = summary.look
     return summary.motion_unit or ("m" if look.tests else unit_of_motion(look.loops))
 
@@ -119,7 +119,7 @@ def with_interval(row: StoredParameter) -> tuple[str, str, str]:
 
 
 def _digits(low: float, high: float) -> int:
-    """Return the number of digits (3 to 15) that resolves an interval's width to two digits."""
+    """Return the number of digits (3 to 15) that shows an interval's width to two digits."""
     largest = max(abs(low), abs(high))
     if not high - low > 0.0 or not largest:
         return 6
@@ -153,7 +153,7 @@ def effect_sentence(summary: RunSummary, tree: xr.DataTree) -> str:
 
 
 def stiffness_sentences(summary: RunSummary, tree: xr.DataTree) -> list[str]:
-    r"""Return the sentence on the stiffness $\omega_n^2$ of a fully stuck joint of unknown mass.
+    r"""Return a sentence on the stiffness $\omega_n^2$ of a fully stuck joint of unknown mass.
 
     The list is empty if a test shows a mode, or if the modal mass is stated.
     """
@@ -192,14 +192,14 @@ def joint_sentences(joints: StoredJoints | None) -> list[str]:
 
 
 def _joints_effect(mode: StoredMode) -> str:
-    """Return the sentence on the effect of all joints on a mode; older runs have stuck shapes."""
+    """Return the sentence on the effect of all joints on a mode, which names the mode shape."""
     changes = map(_per_cents, (mode.frequency_change, mode.damping_added))
     effect = messages.joints_effect(mode.mode, *changes)
     return effect if mode.shape == "free" else messages.in_full_stick(effect)
 
 
 def tied_sentences(joint_facts: StoredJoints) -> list[str]:
-    """Return the sentence on whether joints share one law, by the evidence, if it was compared."""
+    """Return the sentence on whether joints share one law; empty if that was not compared."""
     tied = joint_facts.tied
     if tied is None:
         return []
@@ -220,7 +220,7 @@ def _is_tied(joint: str, laws: Sequence[str]) -> bool:
 
 
 def _odds(nats: float, *, at_least: bool) -> str:
-    """Format a log ratio in nats as odds: `12`, or a power of ten where they are large."""
+    """Format a log ratio in nats as odds: `12`, or a power of ten if it is large."""
     digits = nats / np.log(10)
     odds = f"{np.exp(nats):.2g}" if digits < LARGE_ODDS else f"10^{digits:.0f}"
     return f"at least {odds}" if at_least else odds
@@ -244,7 +244,7 @@ def _change(what: str, values: np.ndarray, unit: str) -> str:
 
 
 def _misfits(summary: RunSummary) -> Iterator[str]:
-    """Yield the sentences on the errors of the fitted and of the held-out tests."""
+    """Yield sentences on the errors of fitted and of held-out tests."""
     tests = [row for row in summary.predictions.values() if row.nrmse]
     fitted = [row for row in tests if row.fitted]
     held_out = [row for row in tests if not row.fitted]
@@ -265,7 +265,7 @@ def _misfits(summary: RunSummary) -> Iterator[str]:
 
 
 def _of_held_out(tests: Sequence[StoredTest]) -> str:
-    """Return the sentence on errors of held-out tests, and on the coverage of their bands."""
+    """Return the sentence on the errors of held-out tests and on the coverage of their bands."""
     inside = [row.coverage for row in tests if row.coverage is not None]
     widths = [row.half_width for row in tests if row.half_width is not None]
     return messages.held_out_errors(
@@ -282,7 +282,7 @@ def _noun(tests: Sequence[StoredTest]) -> str:
 
 
 def fit_sentence(summary: RunSummary) -> str:
-    """Return the sentence on RMS errors of fitted tests from a fit without draws."""
+    """Return the sentence on RMS errors of fitted tests, from a fit without draws."""
     errors = list((summary.quick or {}).values())
     if not errors:
         return messages.NO_FIT_ERROR

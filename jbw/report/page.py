@@ -39,10 +39,10 @@ from jbw.run.files import write_whole
 under_way = logging.getLogger("jbw.progress")
 # No measured data leave the interactive page: it has no button that uploads a chart.
 PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
-# Limit on the points of all charts together: 2 x 4 bytes each make 2.4 MB in base64, next to 2.0 MB
-# of compressed plotly.
+# Largest number of points of all charts together: 2 x 4 bytes each make 2.4 MB in base64, in
+# addition to 2.0 MB of compressed plotly.
 MOST_POINTS = 230_000
-LOOK = "look"  # the figure that is shown with the sentences on single records
+LOOK = "look"  # name of the figure that is shown together with the sentences on single records
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.report"),
     autoescape=True,
@@ -141,7 +141,7 @@ def _step(name: str, step: StoredStep, summary: RunSummary, quantities: Names) -
 
 
 def _parameters(summary: RunSummary, quantities: Names) -> dict[str, Table]:
-    """Return tables of parameters: main posterior, other steps, Steps 3 and 4 of the paper."""
+    """Return tables of parameters: main posterior, other steps, and the steps of Teloli et al."""
     parameters = tables.parameters_table(summary, quantities, shown=True)
     main, of_route = summary.main, partial(tables.of_route, summary=summary)
     return {
@@ -152,7 +152,7 @@ def _parameters(summary: RunSummary, quantities: Names) -> dict[str, Table]:
 
 
 def _figures(summary: RunSummary, drawn: Mapping[str, DrawnFigure]) -> dict[str, Any]:
-    """Return the figures of the page: the first, that of single records, groups, failed ones."""
+    """Return the figures of the page: first figure, records, groups of figures, missing figures."""
     by_name = {entry.name: _shown(entry, drawn[entry.name]) for entry in FIGURE_LIST}
     shown = [entry for entry in FIGURE_LIST if drawn[entry.name].svg]
     first = lead(summary, [entry.name for entry in shown])
@@ -174,7 +174,7 @@ def _figures(summary: RunSummary, drawn: Mapping[str, DrawnFigure]) -> dict[str,
 
 
 def _only(table: Table, chosen: Callable[[str], bool]) -> Table:
-    """Return a table with only the sections whose names are chosen."""
+    """Return a table with only those sections whose names are chosen."""
     return replace(
         table, sections=tuple(section for section in table.sections if chosen(section.name))
     )
@@ -194,7 +194,7 @@ def _inputs(hashes: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _shown(entry: ReportFigure, drawn: DrawnFigure) -> dict[str, Any]:
-    """Return the page's data on one figure: number, pictures, or the reason why it is missing."""
+    """Return the page's data on one figure: number, images, or the reason why it is missing."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
     # The SVG is jbw's own drawing with texts as outlines, so that it is safe to insert unescaped.
     pictures = {"svg": Markup(drawn.svg), "rest": Markup(drawn.rest)}
@@ -241,7 +241,7 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
             legend={"orientation": "h", "y": -0.2, "groupclick": "togglegroup"},
         )  # fmt: skip
         figure.update_yaxes(type="log" if chart.log else "linear", exponentformat="power")
-        # In JSON within a script no character may end the script.
+        # In JSON within a script, no character may end the script.
         data = Markup(str(figure.to_json()).replace("<", "\\u003c"))
         drawn.append((f"chart-{number}", chart.heading, data))
     packed = b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()
@@ -252,6 +252,6 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
 
 
 def _lighter(line: Mapping[str, Any], limit: int) -> dict[str, Any]:
-    """Return a trace of plotly, reduced to at most `limit` points."""
+    """Reduce one of plotly's curves to at most `limit` points."""
     x, y = decimated(line["x"], line["y"], limit)
     return {**line, "x": x, "y": y}

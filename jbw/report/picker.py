@@ -1,4 +1,4 @@
-"""The page on which to choose band and modes, with the spectra of a campaign's tests."""
+"""The page for choosing band and modes, with the spectra of a campaign's tests."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,27 +14,28 @@ from jbw.measurement.records import Record, Test
 from jbw.measurement.resonances import swept
 from jbw.report.page import ENVIRONMENT
 
-NUM_SHOWN = 1500  # spectral lines shown for a test, the largest of each interval of frequencies
-# Number of neighbouring lines whose mean power is shown for a line, since single lines vary
-# strongly.
+# number of spectral lines shown for a test, the largest of each interval of frequencies
+NUM_SHOWN = 1500
+# number of neighbouring lines whose mean power is shown for a line, since single lines vary
+# strongly
 NEAR_LINES = 9
-# Decades by which a peak must exceed its surroundings: the mean power of nine lines of noise varies
-# by a third, and its extremes over thousands of lines are up to 0.6 decades apart.
+# A peak must exceed its surroundings by this number of decades: the mean power of nine lines of
+# noise varies by a third, and its extremes over thousands of lines are up to 0.6 decades apart.
 STANDS_OUT = 0.8
-LEAST = 1e-4  # relative to the largest value of a spectrum: smaller peaks count as noise
+LEAST = 1e-4  # Smaller peaks, relative to the largest value of a spectrum, count as noise.
 MOST_PEAKS = 8
-APART = 0.05  # Peaks of several tests that are relatively closer than this are one mode.
+APART = 0.05  # Peaks of several tests that are relatively closer than this belong to one mode.
 # half width of a peak's band relative to its frequency; the band ends half-way to its neighbours at
-# most
+# the latest
 ABOUT = 0.15
-SLOWEST = 3.0  # periods in a record, below which a slow drift may look like a mode
-DIGITS = 5  # digits of a frequency and of a value on the page
+SLOWEST = 3.0  # smallest number of periods in a record; a slower line may be a drift
+DIGITS = 5  # number of digits of a frequency and of a value on the page
 
 Lines = Float[np.ndarray, " line"]
 
 
 class ShownSpectrum(NamedTuple):
-    """A measured response against frequency, relative to the source where a test has one."""
+    """A measured response against frequency, divided by the source if the test has one."""
 
     freq_hz: Lines
     size: Lines
@@ -80,7 +81,7 @@ def render_picker(campaign: str, tests: Sequence[Test]) -> str:
 def picker_data(
     tests: Sequence[Test], spectra: Mapping[str, ShownSpectrum], peaks: Sequence[Peak]
 ) -> dict[str, Any]:
-    """Return the data of the page: spectra by test with any stated band, and the peaks."""
+    """Return the data of the page: each test's spectrum with any stated band, and the peaks."""
     return {
         "tests": [
             {

@@ -1,4 +1,4 @@
-"""The figures of results, public as `jbw.plots`: runs, laws, populations, predictions.
+"""Figures of results, public as `jbw.plots`: runs, laws, populations, predictions.
 
 `draw` draws a figure of a run's report by its name, `laws` draws the tree of `jbw.compare_laws`,
 and `prediction` the bands of `Study.predict`. A notebook shows the returned figure.
@@ -51,7 +51,7 @@ def draw(tree: xr.DataTree, name: str) -> Figure:
 
 
 def laws(tree: xr.DataTree) -> Figure:
-    """Draw a comparison of laws: curves, loops, residuals and errors of left-out runs.
+    """Draw a comparison of laws: curves, loops, residuals and errors of held-out sessions.
 
     Args:
         tree: Tree of `jbw.compare_laws`.

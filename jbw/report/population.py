@@ -1,4 +1,4 @@
-"""The figure, page and tables of a fleet: its units, their population, and a new unit."""
+"""Figure, page and tables of a fleet: its units, their population, and a new unit."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -14,9 +14,11 @@ from jbw.report.text import NOTHING, axis_label, number
 from jbw.report.words import badge
 from jbw.results.population import StoredCoordinate, StoredInterval, StoredPopulation
 
-HALF_99 = 2.5758  # standard deviations from the median to either end of a normal 99 % interval
-MOST = 6  # largest number of coordinates in one table of units
-# A unit does not belong if its probability is below this value, divided by the number of units.
+# number of standard deviations from the median to either end of a normal 99 % interval
+HALF_99 = 2.5758
+MOST = 6  # largest number of quantities in one table of units
+# A unit does not belong to the population if its probability is below this, divided by the number
+# of units.
 ODD = 0.01
 
 
@@ -28,7 +30,7 @@ def population_figure(
     new: np.ndarray,
     ax: Any = None,
 ) -> Panels:
-    """Draw each coordinate of every unit against torque, or in order if there is no trend.
+    """Draw each quantity of every unit against torque, or side by side if there is no trend.
 
     Args:
         record: Record of `population_of`.
@@ -84,7 +86,7 @@ def population_sheet(
 
 
 def population_table(record: StoredPopulation) -> Table:
-    """Return the table of a population, one line per coordinate, with a new unit's value."""
+    """Return the table of a population, one line per quantity, with a new unit's value."""
     torque, reference = record.new_unit["torque"], record.reference_torque
     at = torque if torque is not None else reference
     where = "" if at is None else f" at {at:.3g} N m"
@@ -108,7 +110,7 @@ def population_table(record: StoredPopulation) -> Table:
 def units_tables(
     record: StoredPopulation, mean: np.ndarray, sd: np.ndarray
 ) -> list[tuple[str, Table]]:
-    """Return tables of the units with their headings, split by coordinates to fit a page."""
+    """Return tables of the units with their headings; each has few enough columns to fit a page."""
     names = list(record.parameters)
     parts = [names[i : i + MOST] for i in range(0, len(names), MOST)]
     headings = ["The units", *["The units, further coordinates"] * (len(parts) - 1)]
@@ -119,7 +121,7 @@ def units_tables(
 def units_table(
     record: StoredPopulation, mean: np.ndarray, sd: np.ndarray, names: Sequence[str]
 ) -> Table:
-    """Return a table of units: torque, the named coordinates, and agreement with other units."""
+    """Return a table of units: torque, the named quantities, and agreement with other units."""
     places = {name: i for i, name in enumerate(record.parameters)}
 
     def estimate(i: int, k: int) -> Cell:

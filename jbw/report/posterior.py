@@ -1,4 +1,4 @@
-"""The figures of what the data show about each parameter, and of the reliability of the chains."""
+"""Figures of what the data show about each parameter, and of the reliability of the chains."""
 
 import textwrap
 from collections.abc import Iterable, Sequence
@@ -25,9 +25,9 @@ from jbw.report.result import (
 from jbw.report.style import Panels, finish, panels, title
 from jbw.report.text import axis_label, plain
 
-POINTS = 400  # points of a density, and of a running mean
-BINS = 20  # bins of a histogram of ranks
-# largest number of parameters in a trace figure; the joint's come first, and the table has all
+POINTS = 400  # number of points of a density, and of a running mean
+BINS = 20  # number of bins in a histogram of ranks
+# largest number of parameters in a trace figure; the joint's parameters come first
 MOST = 12
 MOST_DRAWS = 2000  # largest number of draws in a scatter plot
 
@@ -219,7 +219,7 @@ def _cloud(
 def marginal_density(
     draws: Float[np.ndarray, "..."], box: tuple[float, float] | None
 ) -> tuple[Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
-    """Return the kernel density of draws, reflected at the bounds of their prior box."""
+    """Return the kernel density of draws, reflected at the bounds of their uniform prior."""
     # h = 0.9 min(s, IQR / 1.34) n^(-1/5): Silverman, Density Estimation (1986), eq. (3.31).
     values = np.asarray(draws, float).reshape(-1)
     values = values[np.isfinite(values)]
@@ -262,7 +262,7 @@ def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
             continue
         conv = np.asarray(stats["conv"].transpose("chain", "draw"), float)
         conv = conv / np.nanmean(conv[:, -1])
-        # The lines are thinned to the resolution of the figure.
+        # Lines are thinned to the resolution of the figure.
         shown = np.unique(np.linspace(0, conv.shape[1] - 1, POINTS).astype(int))
         look = {"color": source.colour, "ls": source.line, "lw": 0.9, "alpha": 0.8}
         panel.plot(shown + 1, conv[:, shown].T, **look)[0].set_label(source.label)
@@ -281,14 +281,14 @@ def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
     shown = parameters(branch(tree, "posterior"))[:MOST]
     axes = panels(ax, len(shown), 2, height=0.5 + 0.85 * len(shown), sharex="col")
     for (trace, rank), parameter in zip(axes, shown, strict=True):
-        # Ranks show each chain's count in twentieths of the pooled ranks, relative to an even
-        # count.
+        # Each chain's ranks among the draws of all chains are counted in twenty bins, and divided
+        # by the count for even ranks.
         ranks = np.argsort(np.argsort(parameter.draws.reshape(-1), kind="stable"), kind="stable")
         chains = zip(parameter.draws, ranks.reshape(parameter.draws.shape), strict=True)
         for (draws, placed), colour in zip(
             chains, style.LEVELS * len(parameter.draws), strict=False
         ):
-            # The lines are drawn as an image, since such dense vector lines take long to show.
+            # Lines are drawn as an image, since so many vector lines take long to show.
             trace.plot(draws, color=colour, lw=0.4, alpha=0.8, rasterized=True)
             counts, edges = np.histogram(placed, BINS, (0, ranks.size))
             rank.stairs(counts * BINS / draws.size, edges, color=colour, lw=1.0, baseline=None)

@@ -1,4 +1,4 @@
-"""The figures of predicted tests, one per test, with measured values where there are any."""
+"""Figures of predicted tests, one per test, with measured values if there are any."""
 
 from collections.abc import Callable, Iterator
 from itertools import product
@@ -24,7 +24,7 @@ from jbw.report.result import level_text, near_branch, quantiles, unit_of, unwra
 from jbw.report.style import Panels, finish, log_y, panels, shade, title
 from jbw.report.text import axis_label, plain
 
-# For each figure of the report: the variables that it needs, and the group that it uses.
+# for each figure of the report: the variables that it needs, and the group that it uses
 FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (
     ({"measured", "error_spectrum"}, "multisine", verification_multisine),
     ({"measured_force", "model_force"}, "loop", verification_loops),
@@ -37,7 +37,7 @@ LOOKS = {
 
 
 def prediction(name: str, dataset: xr.Dataset) -> Panels:
-    """Draw the bands of a predicted test with the report's figure for its kind of test.
+    """Draw the bands of a predicted test; use the report's figure for tests of this kind.
 
     The bands are the result of `jbw.verification.predict`.
     """
@@ -121,7 +121,7 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
 
 
 def _harmonic(ax: Axes, kind: str, freq: Any, values: Any, label: str) -> None:
-    """Draw one quantity of a harmonic: bands (bars at a single frequency) or measured marks."""
+    """Draw one quantity of a harmonic: bands (bars at a single frequency) or measured points."""
     if kind == "measured":
         ax.plot(freq, values, "o", color=style.INK, ms=4, mfc="none", label="measured")
         return

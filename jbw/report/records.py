@@ -1,4 +1,4 @@
-"""The figures of measured records with predicted bands in time: sweeps, decays, multisines."""
+"""Figures of measured records with predicted bands over time: sweeps, decays, multisines."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -16,11 +16,12 @@ from jbw.report.result import arrays, fitted_text, frequency, level_text, quanti
 from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, shade, title
 from jbw.report.text import axis_label, percent, plain
 
-# Number of segments of a whole record whose extremes are drawn, as many as the figure has points
-# across.
+# number of intervals of a whole record whose extremes are drawn; it equals the figure's number of
+# points in width
 COLUMNS = 1000
 FEWER = 300  # the same number if three panels share the width
-MOST_DECAYS = 6  # largest number of drawn records: first the held-out ones, then the fitted ones
+# largest number of drawn records; held-out records are drawn first, then fitted ones
+MOST_DECAYS = 6
 PERIODS, WIDE_PERIODS = 6, 8
 SPECTRA = (
     ("measured", INK, "measured"),
@@ -64,7 +65,7 @@ def draw_record(
     count: int | None = None,
     measured: str = "_measured",
 ) -> None:
-    """Draw a record and its bands after subtraction of a curve, thinned to extremes on request.
+    """Draw a record and its bands after subtraction of a curve; on request draw only extremes.
 
     `less` is the subtracted curve; a record is thinned to extremes of `count` stretches.
     """
@@ -106,7 +107,7 @@ def length_of(part: Samples, periods: int) -> int:
 
 
 def around(measured: Samples, half: int) -> slice:
-    """Return a slice from `half` samples before the largest response to `half` samples after it."""
+    """Return a slice that extends `half` samples to either side of the largest response."""
     peak = int(np.nanargmax(np.abs(measured)))
     return slice(max(0, peak - half), min(measured.size, peak + half))
 
@@ -136,7 +137,7 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
         several = test.sizes.get("repeat", 2) > 1
         label = labels.REPEATS_MEAN if several else "measured"
         shade(full, *extremes(time, measured, measured), INK, label, alpha=0.75)
-        # If the predictive band is withheld, the figure shows that of the parameters alone.
+        # If the predictive band is withheld, the figure shows the band of the parameters alone.
         stated = "predictive_band" in test
         low, _, high = quantiles(test, "predictive_band" if stated else "model_band")
         reach = max(3, time.size // 96)
@@ -214,7 +215,7 @@ def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
         draw_record(response, largest[["measured", "model_band"]], measured="measured")
         response.set(xlabel="time [s]", ylabel=response_label(test))
         title(response, f"{short(plain(name))}, {fitted_text(test)}", size=8)
-        # Spectra are drawn as points, since there are no lines in between.
+        # Spectra are drawn as points, since nothing lies between their lines.
         for kind, colour, label in SPECTRA:
             if f"{kind}_spectrum" in test:
                 values = np.asarray(test[f"{kind}_spectrum"], float)

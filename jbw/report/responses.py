@@ -1,4 +1,4 @@
-"""The figures of frequency responses and response curves: linear regime and growth with level.
+"""Figures of frequency responses and response curves: linear regime and growth with level.
 
 They include the third harmonic of a probing tone, and the kernel H3, measured and predicted.
 """
@@ -59,7 +59,7 @@ SAMPLERS = {"paper": ("walk as published", VERMILLION), "nuts": ("NUTS", BLUE)}
 
 
 def resonance_window(freq: Curve, magnitude: Curve, depth: float = 0.08) -> tuple[float, float]:
-    """Return the frequencies [Hz] around the peak whose magnitude exceeds `depth` of the peak."""
+    """Return the frequencies [Hz] around a peak with magnitudes above `depth` times the peak."""
     peak = int(np.nanargmax(magnitude))
     above = magnitude > depth * magnitude[peak]
     first = peak - int(np.argmin(above[peak::-1])) if not above[: peak + 1].all() else 0
@@ -90,7 +90,7 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
         shown = (freq >= low) & (freq <= high)
         h, phase, coherence, h_fit, phase_fit = arrays(line.isel({dim: shown}), *needed)
         measured = {"color": INK, **marks}
-        # The measured points lie on the fit, so that the fit is drawn wider and behind them.
+        # Measured points lie on the fit; the fit is therefore drawn wider and behind them.
         fit = {"color": MODEL, "lw": 3.0, "alpha": 0.6, "zorder": 1.5}
         column[0].plot(freq[shown], h, label=label, **measured)
         column[0].plot(freq[shown], h_fit, label="line fit", **fit)

@@ -1,4 +1,4 @@
-"""The access of figures and tables to a run's result: groups, names, parameters, tests."""
+"""Access of figures and tables to a run's result: groups, names, parameters, tests."""
 
 import json
 import shlex
@@ -40,7 +40,7 @@ class PosteriorParameter(NamedTuple):
 
 
 def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
-    """Read the summary and the posterior of a run's folder; raise a DataError if this fails.
+    """Read the summary and the posterior in a run's folder; raise a DataError if this fails.
 
     Only `groups` below the root of the posterior's file are read; all groups if none is given.
     """
@@ -57,15 +57,15 @@ def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
         if tree.attrs.pop(MARK, None) is not None and not has_hashes:
             raise damaged(folder / "summary.json")
     except DataError as error:
-        # The run was killed when its posterior had replaced that of a first answer, but its summary
-        # had not.
+        # The run was killed after its posterior had replaced that of a first answer, but before its
+        # summary did.
         if _is_unfinished(folder):
             raise _completed_by_resume(folder, error.what) from None
         raise
     # The error lies in this process: the result may be undamaged.
     except (ImportError, MemoryError):
         raise
-    except Exception as cause:  # For damaged files JSON and HDF5 may raise any exception.
+    except Exception as cause:  # For damaged files, JSON and HDF5 may raise any exception.
         raise DataError(
             f"The result in {folder} cannot be read, it is damaged: {reason_of(cause)}",
             remedy="Run the identification again, or restore the folder from a copy.",
@@ -86,7 +86,7 @@ def _typed(folder: Path, record: Mapping[str, Any]) -> RunSummary:
 
 
 def of_another_version(folder: Path, versions: Mapping[str, str], what: str) -> DataError:
-    """Return the error for a run that cannot be read, with the version of jbw that made it."""
+    """Return the error for a run that cannot be read, naming the version of jbw that made it."""
     writer = versions.get("jbw", "unknown") if isinstance(versions, Mapping) else "unknown"
     return DataError(
         f"The run in {folder} cannot be read: {what}",
@@ -156,7 +156,7 @@ def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
 
 
 def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Dataset]]:
-    """Return the tests of a result under `path`, by level; raise a DataError if none."""
+    """Return the tests of a result below `path`, by level; raise a DataError if there are none."""
     parent = node(tree, path)
     if parent is None or not parent.children:
         raise DataError(f"The result has no test under /{path.strip('/')}.")
@@ -286,7 +286,7 @@ def level_text(test: xr.Dataset) -> str:
 
 
 def fitted_text(test: xr.Dataset) -> str:
-    """Return whether a test was fitted or held out; an empty text where the run does not state it.
+    """Return whether a test was fitted or held out; an empty text if the run does not state it.
 
     If some repeats were fitted and others are shown, the text says so.
     """
@@ -303,13 +303,13 @@ def wrap_degrees(phase: Any) -> Any:
 
 
 def wrap_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
-    """Return a phase band [rad] in degrees, each frequency shifted by full turns of its median."""
+    """Return a phase band [rad] in degrees, shifted by full turns so that its median is wrapped."""
     degrees = np.degrees(phase)
     return degrees + (wrap_degrees(np.asarray(phase)[1]) - degrees[1])
 
 
 def unwrapped_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
-    """Return a phase band [rad] in degrees, with a continuous median centred within half a turn."""
+    """Convert a phase band from radians to degrees with a continuous median near zero."""
     # The phase of a velocity then runs from 90 to -90 degrees, that of a force from 0 to 180.
     degrees = np.degrees(phase)
     middle = np.unwrap(degrees[1], period=TURN)
@@ -318,6 +318,6 @@ def unwrapped_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
 
 
 def near_branch(phase: Any, degrees: Float[np.ndarray, " freq"]) -> Float[np.ndarray, "... freq"]:
-    """Return phases [rad] in degrees, each within half a turn of the curve `degrees`."""
+    """Convert phases from radians to degrees, each within half a turn of the curve `degrees`."""
     away = np.degrees(phase) - degrees
     return degrees + (away + TURN / 2) % TURN - TURN / 2

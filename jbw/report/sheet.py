@@ -1,4 +1,4 @@
-"""A page with a figure, sentences and tables, for a fleet, a watch or laws."""
+"""A page with a figure, sentences and tables, for a fleet, a monitored joint or compared laws."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Sheet:
 
 
 class Folded(NamedTuple):
-    """An additional figure that the page shows only after a click, below the tables."""
+    """An additional figure below the tables that the page shows only after a click."""
 
     title: str
     caption: str

@@ -1,4 +1,4 @@
-"""The figures of method studies: comparison of samplers, and ranks of a calibration."""
+"""Figures of method studies: comparison of samplers, and ranks of a calibration."""
 
 from typing import Any
 
@@ -30,7 +30,7 @@ def comparison(record: StoredSamplers, ax: Any = None) -> Panels:
 
 
 def means(record: StoredSamplers, parameter: str, ax: Axes | None = None) -> Axes:
-    """Plot each sampler's mean of one parameter minus the reference's, with Monte Carlo errors.
+    """Plot each sampler's mean of a parameter minus the reference's mean, with Monte Carlo errors.
 
     Bars show +- 2 Monte Carlo errors, in standard deviations of the reference.
     """
@@ -107,7 +107,7 @@ def _scaled(ax: Axes) -> None:
 
 def rank_ecdfs(calibration: Calibration, ax: Any = None) -> Panels:
     """Draw the ECDF of every quantity's ranks minus i / (L + 1), with the 99 % envelope."""
-    # A slope shows a bias; an S-shape a posterior that is too narrow or too wide.
+    # A constant slope shows a bias; an S-shape shows a posterior that is too narrow or too wide.
     axes, stack = stacks(ax, len(calibration.names), 1, height=1.9, sharex=True, sharey=True)
     lower, upper = ecdf_envelope(len(calibration.ranks), calibration.num_ranks, LEVEL)
     even = np.arange(1, calibration.num_ranks + 1) / (calibration.num_ranks + 1)

@@ -1,4 +1,4 @@
-"""The common look of all figures: one palette, one width, units on the axes, no display needed."""
+"""The common look of all figures: one palette, one width, units on axes, no display needed."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,12 +12,12 @@ from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 from jbw.errors import ConfigError
 from jbw.report.messages import figures as labels
 
-# Okabe and Ito's palette differs for any colour vision and in grey.
+# Okabe and Ito's colours differ for any colour vision, and in grey.
 BLUE, VERMILLION, GREEN = "#0072b2", "#d55e00", "#009e73"
 ORANGE, SKY, PURPLE = "#e69f00", "#56b4e9", "#cc79a7"
 INK, SOFT, GRID = "#20242a", "#68707a", "#d9dde2"
 
-# The same role has the same colour in every figure.
+# Equal things have equal colours in every figure.
 MEASURED, REPEATS, MODEL, PREDICTIVE = INK, SKY, VERMILLION, ORANGE
 BAND = labels.COMMON_BAND
 LEVELS = (BLUE, GREEN, ORANGE, VERMILLION, PURPLE, SKY)
@@ -29,7 +29,8 @@ WIDTH = 7.2
 """Width of a figure [in]: two columns of a paper, one column of the page."""
 
 NARROW = 4.0  # An ordinate is linear if the ratio of its ends is below this value.
-LETTERS = 120  # letters in a line of the legend, where the symbol of an entry counts as seven
+# number of letters in a line of the legend, where the symbol of an entry counts as seven
+LETTERS = 120
 
 RC: Any = {
     "font.size": 9,
@@ -77,7 +78,7 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
 def stacks(
     ax: Any, count: int, rows: int, *, height: float, **layout: Any
 ) -> tuple[Panels, list[Panels]]:
-    """Return the axes of a figure with `count` tests, and one stack of `rows` panels for each test.
+    """Return the axes of a figure with `count` tests, and a stack of `rows` panels for each test.
 
     `height` is that of one line of stacks [in].
     """
@@ -98,7 +99,7 @@ def stacks(
 
 
 def finish(axes: Panels, ax: Any, below: str = "", ylabels: str | Sequence[str] = "") -> Panels:
-    """Label a figure's lowest and leftmost axes, place the legend and return the axes."""
+    """Label a figure's lowest and leftmost axes, place the legend, and return the axes."""
     labels = [ylabels] * len(axes) if isinstance(ylabels, str) else ylabels
     for number, row in enumerate(axes):
         row[0].set_ylabel(labels[number % len(labels)] or row[0].get_ylabel())

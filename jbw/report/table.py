@@ -8,7 +8,7 @@ from jbw.errors import printable
 from jbw.report.text import NOTHING, Names, number, percent, symbol, typed
 
 Row = Mapping[str, Any]
-WHOLE = 12  # length of a cell's text up to which a narrow terminal does not wrap it
+WHOLE = 12  # largest number of characters of a cell that a narrow terminal does not wrap
 MARKS = {"good": "green", "doubt": "yellow", "bad": "bold red", "flag": "bold"}
 
 
@@ -28,7 +28,8 @@ class Column:
     show: Callable[[Any], str | Cell]  # function that returns the text or cell of a row
     meaning: str = ""  # meaning of the numbers, for the note below the table on the page
     align: str = "right"  # right, left, unit, or wrap for long text, and left wrap
-    # Rank of the column on a narrow screen: high ranks are dropped first, 0 never.
+    # Columns with high numbers are dropped first on a narrow screen; columns with 0 are never
+    # dropped.
     spared: int = 0
     only: str = ""  # "page" or "terminal" for a column that only one of them shows
 
@@ -50,7 +51,7 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Columns and sections of rows, with a note on all; `of` names the kind of the sections."""
+    """Columns and sections of rows, with a note on all; `of` says what the sections are."""
 
     title: str
     columns: tuple[Column, ...]
@@ -96,12 +97,12 @@ def named(heading: str, names: Names) -> Column:
 
 
 def words(heading: str, key: str, align: str = "left") -> Column:
-    """Return a column of unchanged texts."""
+    """Return a column of texts, which are shown unchanged."""
     return Column(heading, lambda row: str(field(row, key)), align=align)
 
 
 def by_sd(heading: str, key: str, **more: Any) -> Column:
-    """Return a column of numbers, each rounded by the standard deviation in its row."""
+    """Return a column of numbers, each rounded according to the standard deviation in its row."""
     return Column(heading, lambda row: number(field(row, key), field(row, "sd")), **more)
 
 
@@ -137,13 +138,13 @@ def print_table(screen: Any, shown: Table) -> None:
         rich_table = _rich(shown, most)
     if screen.is_terminal and width() > screen.width:
         rich_table = _rich(shown, most_spared(shown), is_tight=True)
-    # In a file or pipe lines may be of any length; only a terminal folds them.
+    # In a file or pipe, lines may be of any length; only a terminal wraps them.
     room = screen.width if screen.is_terminal else max(width(), screen.width)
     screen.print(rich_table, width=room, crop=False)
 
 
 def most_spared(shown: Table) -> int:
-    """Return the largest rank of a column that may be dropped on a narrow screen."""
+    """Return the rank of the columns that are dropped first on a narrow screen."""
     return max(column.spared for column in shown.columns)
 
 
@@ -157,7 +158,7 @@ def _rich(shown: Table, spared: int, *, is_tight: bool = False) -> Any:
 
     A tight table has single spaces between columns, and folds only columns with long cells.
     """
-    from rich.box import SIMPLE_HEAD  # The page needs no terminal, so Rich is imported here.
+    from rich.box import SIMPLE_HEAD  # The page needs no terminal, so Rich is imported only here.
     from rich.table import Table as Rich
     from rich.text import Text
 

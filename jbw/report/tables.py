@@ -44,7 +44,7 @@ from jbw.report.text import (
 from jbw.report.words import badge
 from jbw.results.run import RunSummary, StoredParameter, StoredStep, StoredTest
 
-# prefixes of the groups of Steps 3 and 4 of the paper, with any sampler
+# prefixes of the groups of Steps 3 and 4 of Teloli et al., with any sampler
 ROUTE = ("third_order_", "opening_")
 GOOD_R_HAT, FAR = 1.01, 2.576
 # variables of a joint's share in a mode
@@ -54,7 +54,7 @@ IN_UNIT = ("map", "mean", "sd", "q005", "q995", "truth")
 
 
 def main_first(summary: RunSummary) -> list[tuple[str, StoredStep]]:
-    """Return the steps of a run with the main step first, with which the others are compared."""
+    """Return the steps of a run, the main step first; the others are compared with it."""
     return sorted(summary.steps.items(), key=lambda step: step[0] != summary.main)
 
 
@@ -64,7 +64,7 @@ def step_heading(name: str, summary: RunSummary) -> str:
 
 
 def of_route(name: str, summary: RunSummary) -> bool:
-    """Return whether a step is Step 3 or 4 of the paper, which is expected to fail."""
+    """Return whether a step is Step 3 or 4 of Teloli et al., which is expected to fail."""
     return name.startswith(ROUTE) and name != summary.main
 
 
@@ -203,7 +203,7 @@ def every_test(summary: RunSummary, tree: xr.DataTree | None = None) -> list[Sto
 
 
 def tests_of_records(rows: Sequence[StoredTest]) -> dict[str, StoredTest]:
-    """Return the name of the test for each record with a separate row, such as a free decay."""
+    """Return, for each record with a separate row (such as a free decay), the row of its test."""
     kind_of = attrgetter("kind")
     return {
         row.test: test
@@ -215,7 +215,7 @@ def tests_of_records(rows: Sequence[StoredTest]) -> dict[str, StoredTest]:
 
 
 def with_records(rows: Sequence[StoredTest]) -> list[StoredTest]:
-    """Return the rows of tests, where a test with rows of its records is replaced by these rows."""
+    """Return the rows of tests; rows of single records replace the row of their test."""
     tests = tests_of_records(rows)
     replaced = {test.test for test in tests.values()}
     of_test = {
@@ -239,7 +239,7 @@ def _tests_counted(rows: Sequence[StoredTest]) -> str:
 
 
 def inside(row: StoredTest) -> str:
-    """Return the text on the share of a test's values inside the predictive band."""
+    """Return a text on the fraction of a test's values inside the predictive band."""
     if row.coverage is None:
         return notes.WITHHELD if row.withheld else ""
     count = row.num_values
@@ -252,7 +252,7 @@ def level_of(row: StoredTest) -> str:
 
 
 def _fitted(row: StoredTest) -> str:
-    """Return the note on a test: how many repeats were fitted, or how far it lies beyond the fit.
+    """Return the note on a test: how many repeats were fitted, or how far it exceeds the fit.
 
     For a kind of test it names the parameters that only tests of this kind identify.
     """
@@ -268,7 +268,7 @@ def _fitted(row: StoredTest) -> str:
 
 
 def routes_table(summary: RunSummary, quantities: Names) -> Table:
-    """Return a table of parameters: Steps 2 to 4 of the paper compared with the joint posterior."""
+    """Return a table of parameters: Steps 2 to 4 of Teloli et al. and the joint posterior."""
     return table(
         notes.ROUTES,
         summary.comparison.parameters.values(),
@@ -300,7 +300,7 @@ def loops_table(tree: xr.DataTree) -> Table:
 
 
 def _areas(measured: np.ndarray, model: np.ndarray) -> tuple[str, str, str, str]:
-    """Return texts on measured and model loop areas, and whether their intervals overlap."""
+    """Return texts on measured loop area, model loop area, and whether their intervals overlap."""
     sd = (model[2] - model[0]) / BAND_SDS
     low, middle, high = (number(end, sd) for end in measured)
     own = f"{middle} ({low} to {high})" if measured[0] < measured[2] else middle

@@ -74,17 +74,17 @@ def typed(text: str) -> str:
 
 
 def axis_label(what: str, unit: str) -> str:
-    """Return an axis label with its unit in brackets, [-] where there is none."""
+    """Return an axis label with its unit in brackets, or with [-] if there is none."""
     return f"{what} [{unit_text(unit) or '-'}]"
 
 
 def about(level: float | None) -> float:
-    """Return a level rounded to two digits, so that repeats of one level have equal values."""
+    """Round a level to two digits, so that repeats of one level have equal values."""
     return float(f"{level or 0.0:.2g}")
 
 
 def number(value: Any, sd: Any = None, digits: int = 3) -> str:
-    """Format a number to two digits of its `sd`, or to `digits` digits; a dash where undefined."""
+    """Format a number to two digits of its `sd`, or to `digits` digits; a dash if undefined."""
     value, sd = _float(value), _float(sd)
     if value is None:
         return NOTHING
@@ -100,7 +100,7 @@ def number(value: Any, sd: Any = None, digits: int = 3) -> str:
 
 
 def interval(low: float, middle: float, high: float, sd: float = 0.2) -> str:
-    """Return a value and its interval as typed text, with digits from the interval's width."""
+    """Return a value and its interval as typed text; the interval's width determines the digits."""
     ends = [typed(number(x, sd * (high - low))) for x in (middle, low, high)]
     return f"{ends[0]} [{ends[1]}, {ends[2]}]"
 
@@ -157,5 +157,5 @@ def _exponent(value: float) -> int:
 
 
 def plain(name: object) -> str:
-    """Return a name from a file as plain text, in which a dollar sign begins no formula."""
+    """Return a name from a file as plain text, in which dollar signs do not begin formulas."""
     return printable(str(name)).replace("$", r"\$")

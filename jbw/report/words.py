@@ -12,7 +12,7 @@ from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, s
 from jbw.results.run import RunSummary, StoredParameter, StoredVerdict
 
 KINDS = {"ok": "good", "failed": "bad"}
-# Names in sentences that are not names of parameters.
+# names in sentences that are not names of parameters
 SPELLED = {
     **{f"lambda_{n}": f"λ{digit}" for n, digit in enumerate("₀₁₂₃")},
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
@@ -20,7 +20,7 @@ SPELLED = {
 UNCOUNTED = "noise_std"
 TRUNCATED = "at_bound"  # finding on a parameter whose interval ends at a prior bound
 LINEAR_NAMES = frozenset(quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS))
-# Laws whose displayed name differs from their own name.
+# laws whose displayed name differs from their own name
 LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
 
 
@@ -66,7 +66,8 @@ def in_symbols(text: str, quantities: Names) -> str:
         parts = text.split("`")
         shown = [part if i % 2 else in_symbols(part, quantities) for i, part in enumerate(parts)]
         return "`".join(shown)
-    # Some names always mean the quantity, as alpha; others, as `share` and `cubic`, are also words.
+    # Some names always mean the quantity, such as alpha; others, such as `share` and `cubic`, are
+    # also words.
     spelled = {
         name: quantity.symbol
         for name, quantity in quantities.items()

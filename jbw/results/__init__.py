@@ -1,1 +1,1 @@
-"""Results as they are stored: one file of types for each kind of answer."""
+"""The types of stored results; each kind of answer has one file."""

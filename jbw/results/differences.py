@@ -1,4 +1,4 @@
-"""Comparisons of finished runs as types: two runs, and several runs side by side."""
+"""Types for comparisons of finished runs: two runs, or several runs side by side."""
 
 from pydantic import Field
 
@@ -18,7 +18,7 @@ class ComparedRun(Stored):
 
 
 class ComparedQuantity(Stored):
-    """A quantity of two runs, A and B: both intervals, that of A - B, and P(A > B).
+    """A quantity in runs A and B: its interval in each run, the interval of A - B, and P(A > B).
 
     `of_prior` names the runs in which the prior alone determines it. `two_modes` is stated for the
     ratio of a law's products: whether the runs are of two modes.
@@ -57,7 +57,7 @@ class RunDifference(Stored):
 
 
 class RunBeside(Stored):
-    """One of several runs that are compared."""
+    """One of several runs that are compared side by side."""
 
     name: str
     folder: str
@@ -68,7 +68,7 @@ class RunBeside(Stored):
 
 
 class ReadingBeside(Stored):
-    """A run's frequency [Hz] and damping ratio [%] at an amplitude [m], with 99 % intervals."""
+    """A run's frequency [Hz] and damping ratio [%] at one amplitude [m], with 99 % intervals."""
 
     run: str
     amplitude: float
@@ -77,7 +77,7 @@ class ReadingBeside(Stored):
 
 
 class TorqueTrend(Stored):
-    """The change of a quantity per doubling of the torque; `direction` is empty if none is seen."""
+    """The change of a quantity per doubling of the torque; `direction` is empty if unclear."""
 
     name: str
     unit: str
@@ -88,7 +88,7 @@ class TorqueTrend(Stored):
 
 
 class RunsSideBySide(Stored):
-    """A comparison of several runs in the order of torque."""
+    """A comparison of several runs, ordered by torque."""
 
     runs: list[RunBeside]
     readings: list[ReadingBeside]

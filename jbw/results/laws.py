@@ -1,4 +1,4 @@
-"""The content of `laws.json` as types: laws of the joint compared on one campaign."""
+"""Types for `laws.json`: the laws of the joint that were compared on one campaign."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ from jbw.results.stored import ByName, Number, Stored, StoredRow
 
 
 class StoredLaw(StoredRow):
-    """One law: its fit, its scores, its evidence, and its answer compared with the best law.
+    """One compared law: its fit, scores and evidence, and how it compares with the best law.
 
     `error_left_out` is that of left-out runs; `elpd_doubt` is the possible error of the log score
     [nats]; `hopeless` laws are judged by their fits alone.
@@ -44,12 +44,12 @@ class StoredLaw(StoredRow):
 
     @property
     def error_of_worst_kind(self) -> Number:
-        """The largest error of a kind of test that is predicted from the other kinds."""
+        """The largest error among kinds of test, each predicted from a fit to the other kinds."""
         return max((self.error_across or {}).values(), default=None)
 
 
 class OffsetChange(Stored):
-    """Mean and standard deviation of a parameter, with and without offsets of sessions."""
+    """A parameter's mean and standard deviation, estimated with and without offsets of sessions."""
 
     with_offsets: float = Field(alias="with")
     with_sd: float
@@ -58,7 +58,7 @@ class OffsetChange(Stored):
 
 
 class StoredSharedRuns(Stored):
-    """The best law without offsets of the sessions; `error` has both errors, with and without."""
+    """The best law, fitted with offsets of sessions and without; `error` has both errors."""
 
     parameters: dict[str, OffsetChange]
     error: list[float]
@@ -66,13 +66,13 @@ class StoredSharedRuns(Stored):
 
 
 class StoredFreeLaw(Stored):
-    """The log evidence of laws from frequency and damping alone, minus the largest one, by law."""
+    """Log evidence of each law from frequency and damping alone, relative to the largest value."""
 
     log_evidence_difference: dict[str, float]
 
 
 class StoredLaws(Stored):
-    """The stored comparison of laws of the joint on one campaign."""
+    """A stored comparison of the joint's laws on one campaign."""
 
     campaign: str = ""
     diagnosis: dict[str, Any] | None = None
@@ -89,5 +89,5 @@ class StoredLaws(Stored):
     statements: list[str] = []
 
     def answered(self, answer: str) -> list[str]:
-        """Return the names of the laws with a given answer, such as worse than the best law."""
+        """Return the names of the laws with a given answer, such as "worse than the best law"."""
         return [name for name, row in self.laws.items() if row.answer == answer]

@@ -1,4 +1,4 @@
-"""The content of `population.json` as types: what the units of a fleet share."""
+"""Types for `population.json`: what the joints of a fleet have in common and how they vary."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from jbw.results.stored import ByName, Number, Stored, StoredRow
 
 
 class StoredInterval(Stored):
-    """The median and the ends of a 99 % interval."""
+    """A median and the ends of a 99 % interval."""
 
     median: float
     q005: float
@@ -19,7 +19,7 @@ class StoredInterval(Stored):
 
 
 class StoredCoordinate(StoredRow):
-    """A pooled quantity of a population: mean, variation of units and runs, exponents."""
+    """A quantity of a fleet's joints: mean, variation of units and runs, and trends."""
 
     unit: str = "1"
     symbol: str = ""
@@ -32,7 +32,7 @@ class StoredCoordinate(StoredRow):
 
 
 class StoredSampling(Stored):
-    """The diagnostics of the sampler."""
+    """Diagnostics of the sampler."""
 
     r_hat: float = 1.0
     divergences: int = 0
@@ -40,7 +40,7 @@ class StoredSampling(Stored):
 
 
 class StoredPopulation(Stored):
-    """How the joints of several units vary, and how they depend on torque.
+    """The variation of the joints between several units, and their dependence on torque.
 
     `belongs` is each unit's p-value of belonging to the others; `weighed` the Kish share of the
     draws of each unit that is represented by its draws.
@@ -62,9 +62,9 @@ class StoredPopulation(Stored):
     saturation_torque: StoredInterval | None = None
     status: str = ""
     statements: list[str] = []
-    new_unit: dict[str, Any] = {}  # torque of the new unit, and an interval by coordinate
+    new_unit: dict[str, Any] = {}  # torque of the new unit; then an interval for each quantity
 
     @property
     def has_trend(self) -> bool:
-        """Whether any coordinate depends on torque in the population's model."""
+        """Whether the population's model lets any quantity depend on torque."""
         return "torque" in self.columns

@@ -1,4 +1,4 @@
-"""The content of a run's `summary.json` as types, one type per concept of the summary.
+"""Types for a run's `summary.json`, one for each concept of the summary.
 
 A run is read into these types once, and every reader takes attributes. A field that a file lacks
 has its default; an entry without a field is kept. What was read is therefore written unchanged.
@@ -13,7 +13,7 @@ from jbw.results.stored import ByName, Number, Stored, StoredRow
 
 
 class StoredBand(Stored):
-    """The median and the ends of a 99 % interval."""
+    """A median and the ends of a 99 % interval."""
 
     low: Number = Field(default=None, alias="0.005")
     median: Number = Field(default=None, alias="0.5")
@@ -22,7 +22,7 @@ class StoredBand(Stored):
 
 # -- verdict ---------------------------------------------------------------------------------------
 class StoredFinding(Stored):
-    """The result of one check; `of` is the parameter that it concerns."""
+    """The result of one check; `of` names the parameter concerned."""
 
     code: str = ""
     status: str = ""
@@ -33,7 +33,7 @@ class StoredFinding(Stored):
 
 
 class StoredAnswer(Stored):
-    """The answer of the findings to one question of the verdict.
+    """The verdict's answer to one question, such as whether the sampler has converged.
 
     `word` is the status, or the grade of a graded law; `because` are facts of the findings that are
     not ok, or of the first one if all are ok, then the additions of later checks, each once.
@@ -46,7 +46,7 @@ class StoredAnswer(Stored):
 
 
 class StoredVerdict(Stored):
-    """A verdict; its status is empty where nothing was judged."""
+    """A verdict; its status is empty if nothing was judged."""
 
     status: str = ""
     answers: dict[str, StoredAnswer] = {}
@@ -54,17 +54,17 @@ class StoredVerdict(Stored):
 
     @property
     def against(self) -> list[StoredFinding]:
-        """The findings that count against the result: those whose status is not ok."""
+        """The findings that weaken the result: those whose status is not "ok"."""
         return [finding for finding in self.findings if finding.status != "ok"]
 
     def answer(self, name: str) -> str:
-        """Return the status of the answer to a question; an empty text if there is no answer."""
+        """Return the status of the answer to a named question; empty if there is no answer."""
         return self.answers[name].status if name in self.answers else ""
 
 
 # -- posterior -------------------------------------------------------------------------------------
 class StoredParameter(StoredRow):
-    """A parameter's posterior in numbers, in SI; `suffix` is added to its symbol in a table."""
+    """Numbers of a parameter's posterior, in SI; `suffix` extends its symbol in tables."""
 
     map: Number = None
     mean: Number = None
@@ -99,20 +99,20 @@ class StoredStep(Stored):
     wall_time_s: Number = None
 
     def known(self, what: str) -> list[float]:
-        """Return one number, such as `ess_bulk`, of every parameter that has it."""
+        """Return one number, such as `ess_bulk`, for every parameter for which it is known."""
         numbers = (getattr(row, what) for row in self.parameters.values())
         return [number for number in numbers if number is not None]
 
 
 class StoredMoments(Stored):
-    """The mean and the standard deviation of a parameter from one procedure."""
+    """A parameter's mean and standard deviation from one procedure."""
 
     mean: Number = None
     sd: Number = None
 
 
 class StoredRoutes(StoredRow):
-    """A parameter from the paper's sequential steps (the cut) and from the joint posterior."""
+    """A parameter from Teloli's sequential steps (`cut`) and from the joint posterior."""
 
     cut: StoredMoments = StoredMoments()
     joint: StoredMoments = StoredMoments()
@@ -121,7 +121,7 @@ class StoredRoutes(StoredRow):
 
 
 class StoredComparison(Stored):
-    """The comparison of the paper's sequential steps with the joint posterior."""
+    """The comparison of Teloli's sequential steps with the posterior of all parameters together."""
 
     parameters: ByName[StoredRoutes] = {}
     statements: list[str] = []
@@ -129,7 +129,7 @@ class StoredComparison(Stored):
 
 # -- tests -----------------------------------------------------------------------------------------
 class StoredTest(Stored):
-    """A test: how it was measured and used, and the errors of its prediction.
+    """A test: how it was measured, how it was used, and how well it was predicted.
 
     `is_record` marks a record of a test that has a separate prediction.
     """
@@ -141,7 +141,7 @@ class StoredTest(Stored):
     run: str | None = None
     assembly: str | None = None
     repeats: int | None = None
-    fitted: bool | int | None = None  # number of fitted repeats, or whether there are any
+    fitted: bool | int | None = None  # number of fitted repeats, or whether any repeat was fitted
     fitted_repeats: list[int] | None = None
     coverage: Number = None
     num_values: Number = None
@@ -160,12 +160,12 @@ class StoredTest(Stored):
 
     @property
     def stated(self) -> dict[str, Any]:
-        """The names of the fields that the file contains."""
+        """The fields that the file states, with their values."""
         return {name: getattr(self, name) for name in self.model_fields_set}
 
 
 class StoredKind(Stored):
-    """The prediction of one kind of test from the other kinds."""
+    """The prediction of one kind of test from a fit to the other kinds."""
 
     error: Number = None
     fitted: Number = None
@@ -173,14 +173,14 @@ class StoredKind(Stored):
 
 
 class StoredUnscored(Stored):
-    """Why the errors for other levels or other kinds of test are unknown; empty if known."""
+    """Reasons why errors for other levels or other kinds of test are unknown; empty if known."""
 
     levels: str = ""
     kind: str = ""
 
 
 class HeldOutAnswer(Stored):
-    """The result of the first fit, without the held-out tests, if all tests are fitted later."""
+    """The result of a first fit without held-out tests, if a second fit uses all tests."""
 
     verdict: str = ""
     predictions: dict[str, StoredTest] = {}
@@ -189,7 +189,7 @@ class HeldOutAnswer(Stored):
 
 # -- readings without a model ----------------------------------------------------------------------
 class StoredCycle(Stored):
-    """A cycle of a force loop; `test` and `cycle`, its number, name it in a table."""
+    """A cycle of a force loop; `test` and the cycle's number `cycle` identify it in a table."""
 
     test: str = Field(default="", exclude=True)
     cycle: int = Field(default=0, exclude=True)
@@ -202,7 +202,7 @@ class StoredCycle(Stored):
 
 
 class StoredLoop(Stored):
-    """A test's force loops: the secant stiffness at the largest motion, and its cycles."""
+    """The force loops of a test: their secant stiffness at the largest motion, and their cycles."""
 
     test: str = ""
     y: float = 0.0
@@ -235,7 +235,7 @@ class StoredReading(Stored):
 
 
 class StoredLook(Stored):
-    """Frequency and damping of all records, without a model of the joint."""
+    """Frequency and damping of all records, measured without a model of the joint."""
 
     campaign: str = ""
     tests: list[StoredReading] = []
@@ -248,7 +248,7 @@ class StoredLook(Stored):
 
 # -- several joints --------------------------------------------------------------------------------
 class StoredMode(Stored):
-    """The effect of all joints on a mode at the largest fitted motion."""
+    """The effect of all joints on one mode at the largest fitted motion."""
 
     mode: int = 0
     frequency_hz: Number = None
@@ -258,7 +258,7 @@ class StoredMode(Stored):
 
 
 class StoredJoint(Stored):
-    """A joint's shares of each mode."""
+    """A joint's share of the energy loss of each mode."""
 
     joint: str = ""
     verdict: str = ""
@@ -266,7 +266,7 @@ class StoredJoint(Stored):
 
 
 class StoredTie(Stored):
-    """The evidence for one law of all joints compared with separate laws."""
+    """The evidence for a law that all joints share, compared with separate laws."""
 
     laws: list[str] = []
     log_evidence_ratio: float = 0.0
@@ -277,7 +277,7 @@ class StoredTie(Stored):
 
 
 class StoredJoints(Stored):
-    """The effects of several joints."""
+    """The effects of several joints on the modes."""
 
     modes: list[StoredMode] = []
     joints: list[StoredJoint] = []
@@ -286,7 +286,7 @@ class StoredJoints(Stored):
 
 # -- identifiability -------------------------------------------------------------------------------
 class StoredDirection(Stored):
-    """A combination of parameters, with its information relative to the prior."""
+    """A combination of parameters, and how much the data tell about it relative to the prior."""
 
     combination: str = ""
     information: Number = None
@@ -294,7 +294,7 @@ class StoredDirection(Stored):
 
 
 class StoredPrecision(StoredRow):
-    """The precision of a parameter or combination, estimated from the fit."""
+    """The precision of a parameter or combination of parameters, estimated from the fit."""
 
     text: str = ""
     value: Number = None
@@ -304,7 +304,7 @@ class StoredPrecision(StoredRow):
 
 
 class StoredShift(Stored):
-    """How far a posterior mean moves with a bound of its prior [sd]."""
+    """The shift of a posterior mean if a bound of the prior is moved, in standard deviations."""
 
     shift: Number = None
     box: str = ""
@@ -312,20 +312,20 @@ class StoredShift(Stored):
 
 
 class StoredProfile(Stored):
-    """A profile likelihood: its 99 % interval, and which ends are open."""
+    """A profile likelihood's 99 % interval; `open` states which of its ends are not determined."""
 
     interval: list[float] = [0.0, 0.0]
     open: list[bool] = [True, True]
 
 
 class StoredWaterfall(Stored):
-    """The final costs of the starts of a fit."""
+    """The final costs that a fit reached from its different starting points."""
 
     costs: list[Number] = []
 
 
 class StoredIdentifiability(Stored):
-    """How well the data constrain parameters and combinations."""
+    """How well the data determine parameters and combinations of parameters."""
 
     statements: list[str] = []
     spectrum: list[StoredDirection] = []
@@ -346,7 +346,7 @@ class RunSummary(Stored):
     main: str = ""
     steps: dict[str, StoredStep] = {}
     comparison: StoredComparison = StoredComparison()
-    tests: list[StoredTest] | None = None  # None in runs of versions that list no tests
+    tests: list[StoredTest] | None = None  # None for runs of versions that stored no tests
     predictions: dict[str, StoredTest] = {}
     across_kinds: dict[str, StoredKind] = {}
     unscored: StoredUnscored = StoredUnscored()
@@ -357,11 +357,12 @@ class RunSummary(Stored):
     sources: str = ""
     seed: int | None = None
     inputs: dict[str, str] = {}
-    assembly: dict[str, Any] = {}  # values in the campaign: torque [N m], sequence, temperature
+    # values stated in the campaign: torque [N m], sequence, temperature
+    assembly: dict[str, Any] = {}
     command: str = ""
     wall_time_s: Number = None
     look: StoredLook = StoredLook()
-    quick: dict[str, float] | None = None  # errors of a fit without draws, by data group
+    quick: dict[str, float] | None = None  # errors of a fit without posterior draws, by data group
     opening: list[str] = []
     identifiability: StoredIdentifiability = StoredIdentifiability()
     held_out_answer: HeldOutAnswer = HeldOutAnswer()
@@ -371,7 +372,7 @@ class RunSummary(Stored):
 
     @property
     def main_step(self) -> StoredStep:
-        """The main step; an empty one where the file has none."""
+        """The step with the main posterior; an empty step if the file has none."""
         return self.steps.get(self.main, StoredStep())
 
     @property

@@ -1,4 +1,4 @@
-"""The base of stored results: a JSON object in types."""
+"""The base type of stored results: a JSON object with typed fields."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, Self
@@ -16,7 +16,7 @@ class Stored(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _without_null(cls, record: Any) -> Any:
-        """Omit a null of earlier versions if the field has another default."""
+        """Omit a null that an earlier version wrote if the field now has another default."""
         if not isinstance(record, Mapping):
             return record
         filled = {
@@ -28,20 +28,20 @@ class Stored(BaseModel):
 
     @classmethod
     def read(cls, record: Mapping[str, Any]) -> Self:
-        """Return the typed value of a JSON object."""
+        """Convert a JSON object to this type."""
         return cls.model_validate(record)
 
     def plain(self) -> dict[str, Any]:
-        """Return the JSON object with the fields that were read or set."""
+        """Return the JSON object with only those fields that were read or set."""
         return self.model_dump(exclude_unset=True, by_alias=True)
 
     def replaced(self, **fields: Any) -> Self:
-        """Return the value with some fields replaced."""
+        """Return a copy in which some fields are replaced."""
         return self.model_copy(update=fields)
 
 
 class StoredRow(Stored):
-    """A row of a table with a name, which is its key in the file."""
+    """A named row of a table; the name is its key in the file."""
 
     name: str = Field(default="", exclude=True)
 

@@ -1,4 +1,4 @@
-"""The content of `compare.json` and `sbc.json` as types: samplers compared, a step calibrated."""
+"""Types for `compare.json` and `sbc.json`: comparisons of samplers, and calibrations of a step."""
 
 from pydantic import Field
 
@@ -6,7 +6,7 @@ from jbw.results.stored import ByName, Number, Stored, StoredRow
 
 
 class SampledParameter(Stored):
-    """A parameter's numbers from one sampler, with Monte Carlo errors and distances z.
+    """One sampler's estimates of a parameter, with Monte Carlo errors and distances z.
 
     `parameter` and `sampler` name it in a table.
     """
@@ -19,7 +19,7 @@ class SampledParameter(Stored):
 
 
 class StoredSampler(StoredRow):
-    """A sampler's cost, evidence and verdict, with the numbers of each parameter."""
+    """A sampler's cost, evidence and verdict, with its estimates of each parameter."""
 
     ess_per_s_cold: Number = None
     ess_per_s_warm: Number = None
@@ -31,7 +31,7 @@ class StoredSampler(StoredRow):
 
 
 class StoredSamplers(Stored):
-    """A comparison of samplers; `refused` gives the reason for each that cannot sample."""
+    """A comparison of samplers; `refused` states why each of the other samplers cannot sample."""
 
     campaign: str = ""
     posterior: str = ""
@@ -42,7 +42,7 @@ class StoredSamplers(Stored):
 
 
 class StoredCoverage(StoredRow):
-    """Uniformity of a quantity's ranks, and coverage of its 99 % intervals."""
+    """The uniformity of a quantity's ranks, and the coverage of its 99 % intervals."""
 
     p_ecdf: float
     p_chi_square: float
@@ -52,7 +52,7 @@ class StoredCoverage(StoredRow):
 
 
 class StoredCalibration(Stored):
-    """A calibration of a step by simulation."""
+    """A calibration, by simulation, of one step of the identification."""
 
     step: str
     sampler: str | None = None

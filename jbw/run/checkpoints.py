@@ -1,4 +1,4 @@
-"""The checkpoints of chains in two alternating files, so that a stop or a crash loses nothing."""
+"""Checkpoints of Markov chains in two alternating files, so that a stop or crash loses no draws."""
 
 import hashlib
 import io
@@ -23,14 +23,14 @@ from jbw.run.files import write_whole
 
 MAGIC = b"jbw-checkpoint-1"
 EVERY_S = 5.0  # shortest time between two checkpoints [s]
-COST = 0.02  # largest part of the run time that writing checkpoints may take
+COST = 0.02  # largest fraction of the run time that may be spent on writing checkpoints
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 INTERRUPTED = 5  # exit code of an interrupted command
 Watch = Callable[[str, Any], None]
 
 
 class Interruption:
-    """The state of a request to stop a run, and whether the run first waits for a checkpoint."""
+    """A request to stop a run, and whether the run first waits for its next checkpoint."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -43,7 +43,7 @@ class Interruption:
 
     @contextmanager
     def heard(self, farewell: Callable[[], str]) -> Iterator[None]:
-        """Handle Ctrl-C and SIGTERM; print a last message before the process ends.
+        """Handle Ctrl-C and SIGTERM in a `with` block; print a last message before the exit.
 
         Python runs a handler only between two of its own instructions, which compiled chains may
         not reach for a long time. A separate thread therefore receives the signals at once: it
@@ -80,7 +80,7 @@ class Interruption:
 
 
 def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
-    """Return a checkpoint as bytes: a line with the hash of the rest, the number, the arrays."""
+    """Encode a checkpoint as bytes: a line with the hash of the rest, then number and arrays."""
     stream = io.BytesIO()
     np.savez(stream, allow_pickle=False, **arrays)
     content = b"%d\n" % number + stream.getvalue()
@@ -88,7 +88,7 @@ def pack(number: int, arrays: Mapping[str, np.ndarray]) -> bytes:
 
 
 def unpack(content: bytes) -> tuple[int, dict[str, np.ndarray]] | None:
-    """Return a checkpoint's number and arrays from its bytes; None where these are damaged."""
+    """Decode a checkpoint's number and arrays from its bytes; return None for damaged bytes."""
     head, _, rest = content.partition(b"\n")
     if head != b"%s %s" % (MAGIC, hashlib.sha256(rest).hexdigest().encode()):
         return None
@@ -98,7 +98,7 @@ def unpack(content: bytes) -> tuple[int, dict[str, np.ndarray]] | None:
 
 
 class Checkpoint:
-    """The checkpoint of one posterior's chains, in two files that are written in turn.
+    """The checkpoints of one posterior's chains, in two files that are written alternately.
 
     An interruption may ask to stop after a saving. After every chunk of steps `watch` is called
     with the posterior's name and the progress of the chains.
@@ -118,7 +118,7 @@ class Checkpoint:
         self._saved, self._cost = perf_counter(), 0.0
 
     def load(self) -> dict[str, np.ndarray] | None:
-        """Return the arrays of the last intact checkpoint, or None; warn of damaged files."""
+        """Return the arrays of the last intact checkpoint, or None; warn about damaged files."""
         contents = [path.read_bytes() for path in self._files if path.exists()]
         intact = sorted(filter(None, map(unpack, contents)), key=itemgetter(0))
         if len(intact) < len(contents):
@@ -135,7 +135,7 @@ class Checkpoint:
         return arrays
 
     def grown(self, so_far: Any) -> None:
-        """Report the progress of the chains."""
+        """Report how many draws the chains have."""
         self._watch(self._name, so_far)
 
     def due(self) -> bool:
@@ -146,7 +146,7 @@ class Checkpoint:
         return perf_counter() - self._saved > max(EVERY_S, self._cost / COST)
 
     def save(self, arrays: Mapping[str, np.ndarray], *, last: bool) -> None:
-        """Save a checkpoint in place of the older one, then stop the run if that was requested.
+        """Replace the older of the two checkpoints; then stop the run if that was requested.
 
         Raises:
             KeyboardInterrupt: The run was asked to stop.

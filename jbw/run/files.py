@@ -8,11 +8,11 @@ from pathlib import Path
 from jbw.errors import RunError
 
 ROOM = 50 * 2**20  # bytes that a run may need on disk for posterior, report and checkpoints
-ROOM_OF_RIG = 300 * 2**20  # the same, with the records of the virtual rig
+ROOM_OF_RIG = 300 * 2**20  # the same for a run that also stores records of the virtual rig
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that a kill or a full disk leaves the old or the new one, never a part.
+    """Write a file completely: after a kill or with a full disk, the old file remains.
 
     Raises:
         RunError: The disk is full, the folder cannot be written, or the path is no file but a
@@ -54,7 +54,7 @@ def put_whole(path: Path, content: bytes) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Write the folder to disk so that a rename survives a power cut, if the system can."""
+    """Write a folder's entries to the disk, so that a rename survives a power cut."""
     if os.name != "posix":
         return
     handle = os.open(folder, os.O_RDONLY)
@@ -65,7 +65,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def require_room(folder: Path, room: int = ROOM) -> None:
-    """Raise an error before any work if a folder's disk has less free space than `room` bytes."""
+    """Raise an error if the disk of a folder has less than `room` bytes of free space."""
     made = next(place for place in (folder, *folder.absolute().parents) if os.path.exists(place))
     total, _, free = shutil.disk_usage(made)
     if total > 0 and free < room:  # Some file systems do not state their size.
@@ -77,6 +77,6 @@ def require_room(folder: Path, room: int = ROOM) -> None:
 
 
 def hash_of(path: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal digits."""
+    """Return the SHA-256 hash of a file in hexadecimal digits."""
     with path.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -1,4 +1,4 @@
-"""The folder of an unfinished run, which one process at a time begins, resumes or finishes."""
+"""The folder of an unfinished run; only one process at a time may begin or resume the run."""
 
 import errno
 import json
@@ -28,7 +28,7 @@ from jbw.run.manifest import (
 if TYPE_CHECKING:
     from filelock import BaseFileLock
 
-HIDDEN = ".run"  # folder for unfinished work, below the results
+HIDDEN = ".run"  # subfolder for unfinished work
 MANIFEST, LOCK, SPENT = "manifest.json", "lock", "spent_s"
 RESULT = {
     "posterior.nc", "summary.json", "figures", "report.html", "interactive.html", "brief.pdf"
@@ -68,7 +68,7 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
 
 
 def _holder(file: Path) -> str:
-    """Return the lock's holder (process and host) as recorded; an empty text if unreadable."""
+    """Return the process and host recorded as the lock's holder; an empty text if unreadable."""
     try:
         holder = json.loads(file.with_suffix(HOLDER).read_text(encoding="utf-8"))
         return f" (number {holder['pid']} on {holder['host']})"
@@ -92,7 +92,7 @@ def _locked(folder: Path) -> "Iterator[BaseFileLock]":
 
 
 class Run:
-    """A run that this process may write while it has the lock; `fresh` if it began in this process.
+    """A locked run that this process may write; `fresh` means that the run began in this process.
 
     The manifest states the request and the inputs read so far; `watch` is called with the name of a
     posterior and the progress of its chains.
@@ -119,11 +119,11 @@ class Run:
         return self.folder / self.manifest.campaign
 
     def keep(self, name: str) -> Checkpoint:
-        """Return the checkpoint in which the chains of the posterior with this name are stored."""
+        """Return the checkpoints in which the chains of the named posterior are stored."""
         return Checkpoint(self.folder / HIDDEN, name, self.interruption, self.watch)
 
     def note(self, manifest: Manifest) -> None:
-        """Write the run's manifest anew, with newly known facts."""
+        """Rewrite the run's manifest with additional facts."""
         if manifest != self.manifest:
             write_manifest(self.folder / HIDDEN / MANIFEST, manifest)
         self.manifest = manifest
@@ -131,7 +131,8 @@ class Run:
     def finish(self) -> None:
         """Remove the files that only an unfinished run needs."""
         (self.folder / HIDDEN / MANIFEST).unlink(missing_ok=True)
-        # Windows does not remove open files; no other process may begin in a folder with results.
+        # Windows cannot remove open files, and no other process may begin a run in a folder with
+        # results.
         self._held.release()
         shutil.rmtree(self.folder / HIDDEN, ignore_errors=True)
 
@@ -145,14 +146,14 @@ class Run:
 
     @property
     def spent(self) -> float:
-        """The time that earlier processes spent on the run, if they recorded it [s]."""
+        """The time that earlier processes spent on this run [s]; zero if it was not recorded."""
         try:
             return float((self.folder / HIDDEN / SPENT).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return 0.0
 
     def close(self) -> None:
-        """Release the folder for other processes; save the time spent if the run is unfinished."""
+        """Release the folder's lock; save the time spent so far if the run is unfinished."""
         if (self.folder / HIDDEN / MANIFEST).exists():
             spent = self.spent + perf_counter() - self._opened
             (self.folder / HIDDEN / SPENT).write_text(f"{spent:.2f}", encoding="utf-8")
@@ -160,7 +161,7 @@ class Run:
 
 
 def begin(folder: Path, manifest: Manifest) -> Run:
-    """Begin a run in a new or empty folder, or over the result of a fit alone, and lock it."""
+    """Lock a folder and begin a run in it; it must be empty or contain only the result of a fit."""
     unfinished = folder / HIDDEN / MANIFEST
     if not unfinished.exists():
         _require_empty(folder)
@@ -182,7 +183,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
 
 
 def is_first_answer(folder: Path) -> bool:
-    """Return whether a folder's result is from a fit only, which a full run may replace."""
+    """Return whether a folder contains only the result of a fit, which a full run may replace."""
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         return "quick" in summary
@@ -198,7 +199,7 @@ def _holds_nothing_else_than_a_first_answer(folder: Path) -> bool:
 
 
 def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
-    """Resume an interrupted run and lock its folder; return None where it is finished.
+    """Resume an interrupted run and lock its folder; return None if the run is already finished.
 
     A folder may come from elsewhere. Nothing in it can cause a write outside of it, and the caller
     decides again whether files outside the campaign's folder are read.
@@ -209,7 +210,7 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
     """
     if not (folder / HIDDEN / MANIFEST).exists():
         if (folder / "summary.json").exists():
-            # A kill may have interrupted the removal of this folder.
+            # The removal of the temporary folder may have been interrupted.
             shutil.rmtree(folder / HIDDEN, ignore_errors=True)
             return None
         raise RunError(
@@ -235,7 +236,7 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
 def require_same(run: Run) -> str | None:
     """Raise an error if a run's inputs changed; return a warning if only the machine changed."""
     is_whole = (run.folder / "summary.json").exists() and not is_first_answer(run.folder)
-    # A complete result needs only its report, which does not depend on the inputs.
+    # A complete result lacks only its report, which does not depend on the inputs.
     if not is_whole:
         require_unchanged(run.manifest, run.campaign)
     was, is_ = run.manifest.machine, machine()

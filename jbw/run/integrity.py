@@ -9,17 +9,17 @@ from typing import Any
 from jbw.errors import DataError
 from jbw.run.files import hash_of
 
-SEAL = "sha256"  # field of a summary that has the hashes
-MARK = "hashes"  # attribute of a posterior's file, present if its summary has hashes
+SEAL = "sha256"  # field of a summary that contains the hashes
+MARK = "hashes"  # attribute of a posterior's file that is present if the summary contains hashes
 
 
 def sealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
-    """Return a run's summary with the SHA-256 of itself and of the posterior's file."""
+    """Return a run's summary with the SHA-256 hashes of the summary and the posterior's file."""
     return {**summary, SEAL: {"summary": _digest(summary), posterior.name: hash_of(posterior)}}
 
 
 def unsealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
-    """Check a run's summary and posterior by their SHA-256; return the summary without hashes.
+    """Check a run's summary and posterior against their SHA-256 hashes; return the bare summary.
 
     Runs of earlier versions have no hashes and are accepted.
 
@@ -40,7 +40,7 @@ def unsealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
 
 
 def damaged(path: Path) -> DataError:
-    """Return the error for a file that differs from what the run wrote."""
+    """Return the error for a result file whose content differs from what the run wrote."""
     return DataError(
         f"The file {path} is damaged: its content is not what the run wrote, by its SHA-256.",
         remedy="Restore the folder from a copy, or identify again: jbw identify CAMPAIGN.toml.",

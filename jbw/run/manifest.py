@@ -1,4 +1,4 @@
-"""The request and the inputs of a run, by which it can be resumed and changes are detected."""
+"""The request and inputs of a run, stored so that it can be resumed and changes are detected."""
 
 import hashlib
 import json
@@ -22,7 +22,7 @@ VERSIONED = ("jbw", "jax", "jaxlib", "numpyro", "blackjax", "diffrax", "optimist
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of jbw and of all packages that determine the draws."""
+    """Return the versions of jbw and of the packages that can change the posterior draws."""
     here = {name: version(name) for name in VERSIONED}
     return {**here, "jbw": f"{here['jbw']} (sources {sources_of('jbw')})"}
 
@@ -33,7 +33,7 @@ def machine() -> dict[str, str]:
 
 
 def command_line() -> str:
-    """Return the command as typed, for the manifest."""
+    """Return the command as the user typed it."""
     return " ".join(["jbw", *sys.argv[1:]])
 
 
@@ -42,7 +42,7 @@ class Manifest:
     """The request and the inputs of a run."""
 
     command: str  # command as typed
-    campaign: str  # campaign file, relative to the run's folder if it is in there
+    campaign: str  # campaign file; its path is relative to the run's folder if it lies inside
     seed: int | None = None  # seed given on the command line
     preset: str | None = None  # preset of the virtual rig that measures the campaign first
     allow_outside: bool = False  # whether data files may be outside the campaign's folder
@@ -57,14 +57,14 @@ class Manifest:
 
 
 def write_manifest(path: Path, manifest: Manifest) -> None:
-    """Write the manifest of a run, with the hash of its content."""
+    """Write the manifest of a run together with the hash of its content."""
     content = {"format": FORMAT, **asdict(manifest)}
     text = json.dumps({"sha256": _digest(content), **content}, indent=1, ensure_ascii=False)
     write_whole(path, text.encode())
 
 
 def read_manifest(path: Path) -> Manifest:
-    """Read an unfinished run's manifest; raise an error if it was changed or has another format."""
+    """Read an unfinished run's manifest; raise an error if it was changed or cannot be read."""
     # The import takes a tenth of a second and is needed only here.
     from pydantic import TypeAdapter
 
@@ -73,7 +73,7 @@ def read_manifest(path: Path) -> Manifest:
         content = json.loads(text)
         intact = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
         if intact and "\\u0000" not in text:  # No path may contain a null character.
-            Manifest(**content)  # An error is raised here for unknown keys.
+            Manifest(**content)  # Unknown keys raise an error here.
             return TypeAdapter(Manifest).validate_json(json.dumps(content), strict=True)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
@@ -89,7 +89,7 @@ def _digest(content: Mapping[str, Any]) -> str:
 
 
 def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -> Manifest:
-    """Return a run's manifest with its campaign's inputs; raise an error if they have changed.
+    """Return the manifest with the campaign's inputs; raise an error if the inputs have changed.
 
     Inputs are the SHA-256 of every data file, by its path.
     """
@@ -121,7 +121,7 @@ def _other_data(what: str) -> DataError:
 
 
 def require_unchanged(manifest: Manifest, campaign: Path) -> None:
-    """Raise an error if the campaign, its data or versions differ from those at the start."""
+    """Raise an error if campaign, data or package versions have changed since the run began."""
     here = versions()
     other = [
         f"{name} {was}, not {here.get(name)}"

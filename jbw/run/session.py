@@ -22,16 +22,16 @@ import platformdirs
 from jbw.report.messages import stages
 
 COMPILED = "/jax/core/compile/backend_compile_duration"
-# Limit of the address space [bytes] below which compilers and linear algebra may end the process;
+# Limit of the address space [bytes] below which compilers and linear algebra may crash the process;
 # compilation on two cores uses 0.7 to 1.5 GiB of it.
 RESERVED = 3.0 * 2**30
-# Compilations that take less than this [s] leave too little memory to be worth freeing.
+# Compilations shorter than this [s] leave too little unused memory to be worth returning.
 LONG_S = 0.3
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
 def prepare_process() -> None:
-    """Configure JAX for every run: two host devices, float64, and a cache of compiled code.
+    """Configure JAX for a run: two host devices, float64, and a cache of compiled code.
 
     It must run before JAX starts. Compiled code is kept in the user's cache folder
     (`keep_compiled`); JAX_ENABLE_COMPILATION_CACHE=0 turns that off. Linear algebra has one thread
@@ -43,7 +43,7 @@ def prepare_process() -> None:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count=2".strip()
     import jax
 
-    # Objects that JAX traces live long; garbage collection among them takes 2 % of a run.
+    # Objects from JAX tracing live long; collecting garbage among them takes 2 % of a run.
     gc.set_threshold(100_000, 20, 20)
     jax.config.update("jax_enable_x64", True)
     keep_compiled()
@@ -63,7 +63,7 @@ def limit_threads() -> None:
 
 @cache
 def give_back_after_compiling() -> None:
-    """Register a listener that returns freed memory to the system after long compilations.
+    """Register a JAX listener that returns unused memory to the system after long compilations.
 
     It is called once per process, however many commands run in it: each listener would search the
     heap again. A compiler frees tens of megabytes in small pieces, which glibc keeps for later
@@ -80,7 +80,7 @@ def give_back_after_compiling() -> None:
 
 
 def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
-    """Return a listener that gives freed memory back to the system after long compilations.
+    """Return a listener that returns unused memory to the system after long compilations.
 
     It calls `trim` without a margin after each compilation of `LONG_S` or more.
     """
@@ -93,7 +93,7 @@ def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
 
 
 def keep_compiled(purpose: str = "compiled") -> Path | None:
-    """Keep compiled code in the user's cache; return the folder, or None if another one is set.
+    """Keep compiled code in the user's cache; return its folder, or None if another cache is set.
 
     The name of the folder contains `purpose`, the instructions of the processor and the versions of
     JAX. Containers and nodes of one cluster thus share compiled code, and no processor runs
@@ -101,7 +101,7 @@ def keep_compiled(purpose: str = "compiled") -> Path | None:
     """
     import jax
 
-    # This may be set by the environment or by a program.
+    # The environment or the calling program may have set this.
     named = jax.config.jax_compilation_cache_dir
     digest = hashlib.sha256(instructions().encode()).hexdigest()[:12]
     versions = f"jax-{version('jax')}-{version('jaxlib')}"
@@ -117,18 +117,19 @@ def keep_compiled(purpose: str = "compiled") -> Path | None:
 
 
 def instructions() -> str:
-    """Return the processor's features in one line, or another text that identifies them."""
+    """Return the processor's features in one line, or another text that identifies it."""
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             name, _, features = line.partition(":")
-            if name.strip() in ("flags", "Features"):  # names of this line on x86 and on Arm
+            # names of the line with the features on x86 and on Arm
+            if name.strip() in ("flags", "Features"):
                 return " ".join(sorted(features.split()))
-    # On Apple's processors, only the version of the kernel states the processor.
+    # On Apple's processors only the kernel's version identifies the processor.
     return f"{platform.machine()} {platform.processor()} {platform.version()}"
 
 
 def _require_writable(folder: Path) -> None:
-    """Warn once if compiled code cannot be saved in a folder, and stop JAX from writing there."""
+    """Warn once if compiled code cannot be saved in a folder; JAX then does not write there."""
     import jax
 
     try:
@@ -137,7 +138,7 @@ def _require_writable(folder: Path) -> None:
             pass
     except OSError as error:
         warnings.warn(stages.unkept_code(str(folder), error.strerror or str(error)), stacklevel=3)
-        # JAX would warn for every program; it can still read from the folder.
+        # JAX would warn for every program, although it can still read from the folder.
         jax.config.update("jax_persistent_cache_min_compile_time_secs", math.inf)
         if not folder.is_dir():
             jax.config.update("jax_compilation_cache_dir", None)

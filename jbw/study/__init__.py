@@ -1,1 +1,1 @@
-"""The identification of a campaign, from its tests to everything that is saved."""
+"""The identification of a campaign, from the check of its tests to the saved results."""

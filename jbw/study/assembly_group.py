@@ -1,4 +1,4 @@
-"""The joints' degrees of freedom in an assembled structure, as stored in a run's result."""
+"""The degrees of freedom on which joints act in an assembled structure, as stored in a result."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -17,9 +17,10 @@ from jbw.report.messages import study as messages
 
 GROUP = "assembly"
 SI = "SI"
-# Nodes closer than this fraction of the structure's largest extent have the same position.
+# Nodes closer than this fraction of the structure's largest dimension have the same position.
 SAME_PLACE = 1e-9
-MOST_LINKS = 12  # links per node; a matrix with more links per node does not come from a mesh
+# largest number of links per node that are drawn; a matrix with more does not come from a mesh
+MOST_LINKS = 12
 
 
 class ModelJoint(NamedTuple):
@@ -38,7 +39,7 @@ class ModelJoint(NamedTuple):
 
 
 class ModelJoints(NamedTuple):
-    """All joints of an assembled structure, with facts on its matrices that an export needs.
+    """All joints of an assembled structure, with facts about its matrices that an export needs.
 
     Attributes:
         joints: The joints.
@@ -89,7 +90,7 @@ def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Da
 
 
 def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
-    """Return nodes, links and mode shapes of a structure for drawings, if positions are known."""
+    """Return nodes, links and mode shapes of a structure for drawings; empty without positions."""
     positions = model.matrices.positions
     if not positions:
         return {}
@@ -98,7 +99,7 @@ def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
     coupled = sp.coo_array(model.matrices.stiffness)
     ends = np.sort(np.column_stack((rows[coupled.row], rows[coupled.col])), axis=1)
     links = np.unique(ends[(ends[:, 0] >= 0) & (ends[:, 0] < ends[:, 1])], axis=0)
-    # A superelement couples each of its nodes with all others, so its links are not drawn.
+    # A superelement couples each of its nodes with all other nodes; such links are not drawn.
     if len(links) > MOST_LINKS * len(nodes):
         links = links[:0]
     moved = np.zeros((len(modes_hz), len(nodes), len(TRANSLATIONS)))
@@ -121,7 +122,6 @@ def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
 def _with_coincident(
     moved: Float[np.ndarray, "mode node 3"], position: Float[np.ndarray, "node 3"]
 ) -> Float[np.ndarray, "mode node 3"]:
-    """Return mode shapes in which each node that only rotates moves like a node at its position."""
     is_still, near = np.all(moved == 0, axis=(0, 2)), SAME_PLACE * np.ptp(position, axis=0).max()
     filled = moved.copy()
     for node in np.flatnonzero(is_still):
@@ -133,7 +133,7 @@ def _with_coincident(
 
 
 def assembly_of(tree: xr.DataTree) -> ModelJoints:
-    """Return the joints of a run's result, each with its degrees of freedom in the structure.
+    """Return the joints stored in a run's result, with the degrees of freedom they act on.
 
     Raises:
         DataError: A version of jbw that did not store the joints made the run.

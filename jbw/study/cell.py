@@ -1,4 +1,4 @@
-"""The part of a study's notebook cell below its verdict: parameters and the backbone."""
+"""The lower part of a study's notebook cell: campaign, parameters and backbone."""
 
 import io
 from base64 import b64encode
@@ -15,11 +15,11 @@ from jbw.report.words import grades
 from jbw.results.run import RunSummary
 
 HEADINGS = ("parameter", "mean", "99 % interval", "unit", "")
-DPI = 80  # The bytes of the picture are stored in the notebook.
+DPI = 80  # The image is embedded in the notebook.
 
 
 def page_of(summary: RunSummary, tree: xr.DataTree) -> str:
-    """Return a study's notebook cell as HTML: campaign, parameters and backbone."""
+    """Return a study's campaign, parameters and backbone as HTML for its notebook cell."""
     title = f"<p>Study of {escape(summary.campaign)}</p>"
     return title + _parameters(summary) + _picture(tree)
 

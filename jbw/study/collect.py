@@ -1,4 +1,4 @@
-"""The result of a run as one labelled tree with units: posteriors, verification, validation.
+"""The result of a run as one labelled data tree with units: posteriors, verification, validation.
 
 The main posterior has ArviZ's own schema, so that ArviZ's functions accept a run as it is. One
 observation is one record: `arviz.loo` leaves out, `arviz.plot_ppc_dist` compares and
@@ -50,15 +50,16 @@ from jbw.verification.places import safe
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_attrs, basis_of, decay_attrs
 from jbw.verification.verify import Groups, verify
 
-# added to the seed for the computation of the evidence that several joints share one law
+# This is added to the seed when the evidence for one law of all joints is computed.
 TIED_KEY = 300
 SPECTRUM = 4.2  # highest frequency of the displayed spectrum, as a multiple of the tone's frequency
 NUM_PRIOR = 500  # number of draws from the prior that are stored
-NUM_PREDICTED = 100  # prior draws that are propagated through the model
+NUM_PREDICTED = 100  # number of these draws that are propagated through the model
 SAMPLES = ("chain", "draw")
-# Prior predictions get this noise, because nothing can be drawn from the improper prior 1/sigma.
+# Predictions from the prior get this noise level, because the improper prior 1/sigma has no draws.
 SILENCE = 1e-12
-KEY = 200  # added to the seed, so that random numbers of other purposes do not change
+# This is added to the seed, so that this module's random numbers are independent of others.
+KEY = 200
 RESPONSE = {
     "units": "1",
     "long_name": messages.RMS_OF_RESPONSE,
@@ -74,7 +75,7 @@ Draws = Mapping[str, Float[np.ndarray, " draw"]]
 def collect(
     order: Order, measured: Measured, posteriors: Posteriors, attempts: Attempts
 ) -> xr.DataTree:
-    """Collect posteriors, verification and validation in one labelled tree with units.
+    """Collect posteriors, verification and validation in one labelled data tree with units.
 
     A group that accompanies the posteriors is left out if its computation fails; `attempts` records
     why.
@@ -90,7 +91,8 @@ def collect(
     if sweeps is not None:
         groups |= attempts.make(stages.ENERGY, lambda: _conv_of_velocity(steps, sweeps), {})
     basis = basis_of(xr.DataTree.from_dict(groups))
-    # For a linear structure, predictions of single records carry no information on a joint.
+    # For a structure that behaves linearly, predictions of single records contain nothing about a
+    # joint.
     has_records = not posteriors.checks.sees_no_joint and measured_parts(joint.fitted.data)
     with in_background(lambda: arviz_groups(joint, seed) if has_records else {}) as by_record:
         groups |= attempts.make(
@@ -112,7 +114,7 @@ def collect(
 
 
 def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str, float]) -> Groups:
-    """Return the result groups of Step 2 and of each posterior; the joint posterior is the root."""
+    """Return the result groups of the FRF fit (Step 2) and of each posterior, by path."""
     joint = posteriors.joint
     facts = joint.tree.attrs | run_attrs(measured.tests, joint, posteriors.free.data)
     groups: Groups = {"/": xr.Dataset(attrs=facts)}
@@ -131,12 +133,12 @@ def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str
 
 
 def groups_in(tree: xr.DataTree) -> Groups:
-    """Return the groups of one posterior's result tree by their names."""
+    """Return the groups of one posterior's result tree, by name."""
     return {name: node.to_dataset() for name, node in tree.children.items()}
 
 
 def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: Attempts) -> Groups:
-    """Return the result group of the joints, with the evidence that joints share one law."""
+    """Return the joints' result group, extended by the evidence that all joints share one law."""
     fitted, place = joint.fitted, f"/{JOINTS}"
     if place not in groups or tied_laws(fitted.data.laws) == fitted.data.laws:
         return {}
@@ -150,7 +152,7 @@ def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: 
 def run_attrs(
     tests: Sequence[Test], joint: JointPosterior, decays: Decays | None
 ) -> dict[str, Any]:
-    """Return the attributes of a run that predictions need in addition to the posterior's draws.
+    """Return the attributes of a run that predictions need in addition to posterior draws.
 
     `basis_of` reads them.
     """
@@ -161,7 +163,7 @@ def run_attrs(
 
 
 def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
-    """Return a posterior's groups, with the true value of each simulated parameter if known."""
+    """Return a posterior's groups with the known true values of simulated parameters."""
     groups = dict(parts)
     posterior = groups["posterior"].copy()
     for name in posterior.data_vars:
@@ -173,7 +175,7 @@ def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
 
 
 def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
-    """Add units to the parameters of the fits that leave one run out."""
+    """Add units to the parameters of the fits in which one run was left out."""
     units = {"group_units": [posterior[n].attrs["units"] for n in left_out["parameter"].values]}
     return left_out.assign({n: left_out[n].assign_attrs(units) for n in ("estimate", "std")})
 
@@ -181,7 +183,7 @@ def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
 def _kernel_groups(
     tests: tuple[Test, ...], linear: LinearStep, third_order: KernelFit, steps: Mapping[str, Step]
 ) -> Groups:
-    """Return the result groups of Step 3: third-order kernel with bands, spectrum, running mean."""
+    """Return the result groups of Step 3 (kernel fit): kernel, spectrum and running means."""
     probing = probing_tests(tests, linear.natural_hz)
     groups: Groups = {"/verification/spectrum": _tone_spectrum(probing[len(probing) // 2])}
     posteriors = {}
@@ -194,7 +196,7 @@ def _kernel_groups(
 
 
 def _kernel_verification(fitted: KernelFit, posteriors: Mapping[str, xr.Dataset]) -> xr.Dataset:
-    """Return the measured third-order kernel of every repeat, with bands from Step 3's samplers."""
+    """Return the third-order kernel measured in every repeat, with bands from both samplers."""
     data, omega = fitted.data, np.asarray(fitted.data.omega)
     shown = [k for k in fitted.kernels if np.any(np.isclose(k.omega, omega))]
     repeats = min(len(k.h3) for k in shown)
@@ -235,7 +237,7 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 
 
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
-    """Return the running mean, along Step 4's draws, of the simulated velocity's energy."""
+    """Return the running mean, over draws of Step 4, of the energy of the simulated velocity."""
     test = sweeps.fitted[-1]
     whole = replace(test, records=test.records[:1], settle=0.0, band_hz=None)
     data = Records.of([whole], laws=DEFAULT_LAWS, substeps=SUBSTEPS)
@@ -253,7 +255,7 @@ def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
 
 
 def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
-    """Return all ArviZ groups of the joint posterior, by their paths in the tree."""
+    """Return the ArviZ groups of the joint posterior, by path in the tree."""
     posterior, data, box = joint.draws, joint.fitted.data, joint.fitted.box
     shape = shape_of(posterior)
     keys = parts_of(jax.random.fold_in(jax.random.key(seed), KEY), 3)
@@ -265,7 +267,7 @@ def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
     prior = prior_draws(keys[1], box, data, meaning)
     some = {name: prior[name].values[0, :NUM_PREDICTED] for name in box.names}
     silent = {label: np.full(NUM_PREDICTED, SILENCE) for label in noise}
-    # For some prior draws the equation of motion cannot be solved.
+    # For some draws of the prior the equation of motion cannot be solved.
     with np.errstate(invalid="ignore", over="ignore"):
         before = records_of(keys[2], some, silent, at_large(data))
     before = _joined(before, "predicted")
@@ -298,7 +300,7 @@ def at_large(data: Dataset) -> Dataset:
 
 
 def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]]:
-    """Return the draws of the noise level of each data group, by the group's label."""
+    """Return the draws of each data group's noise level, by label of the group."""
     return {
         str(label): values.sel({values.dims[-1]: label}).values
         for name, values in posterior.data_vars.items()
@@ -310,7 +312,7 @@ def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]
 def prior_draws(
     key: Key[Array, ""], box: Box, data: Dataset, attrs: Mapping[str, Mapping[str, Any]]
 ) -> xr.Dataset:
-    """Draw parameters from their prior, with derived quantities, but without the improper noise."""
+    """Draw parameters, except the noise level, from their prior; add derived quantities."""
     rng, shape = generator(key), (1, NUM_PRIOR)
     values = {
         name: rng.uniform(low, high, shape) for name, (low, high) in bounds_by_name(box).items()
@@ -325,7 +327,7 @@ def prior_draws(
 
 
 def coordinates(records: RecordTerms) -> dict[str, Any]:
-    """Return the xarray coordinates of all records: names, tests, runs and repeats."""
+    """Return xarray coordinates of all records: name, test, run and repeat."""
 
     def every(field: str) -> list[Any]:
         return [value for part in records.parts for value in getattr(part, field)]
@@ -342,7 +344,7 @@ def _joined(records: RecordTerms, field: str) -> Float[np.ndarray, "*draw record
 
 
 def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Dataset) -> xr.Dataset:
-    """Return the log prior density of each draw, for parameters, noise, Step 2 and run offsets."""
+    """Return each draw's log prior densities: of parameters, noise, the FRF fit and run offsets."""
     shape = shape_of(posterior)
     coords: dict[Any, Any] = dict(posterior.coords)
     attrs = {"units": "1", "long_name": "log prior density [nats]"}
@@ -368,7 +370,7 @@ def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Datas
 def _of_records(
     rows: Float[np.ndarray, "..."], coords: Mapping[str, Any], attrs: Mapping[str, str]
 ) -> xr.Dataset:
-    """Return a dataset with one number per record, such as a log likelihood, in ArviZ's form."""
+    """Return a dataset in ArviZ's form with one number per record, such as a log likelihood."""
     from arviz_base import dict_to_dataset  # Only this function needs the slow import.
 
     dataset = dict_to_dataset(
@@ -382,7 +384,7 @@ def _of_records(
 
 
 def created(dataset: xr.Dataset) -> xr.Dataset:
-    """Return a group with the attributes that ArviZ expects: library, version and date."""
+    """Add the attributes that ArviZ expects to a group: library, version and date."""
     from arviz_base import make_attrs
 
     origin = {"inference_library": "jbw", "inference_library_version": version("jbw")}

@@ -1,4 +1,4 @@
-r"""The analyses that accompany a joint posterior; if one fails, the posterior is kept.
+r"""Analyses that follow a joint posterior; if one fails, the posterior is kept.
 
 The influence of the modes outside a band is stated in a campaign's own units. Near the joint's own
 mode both residual terms act as one real constant: as an inertance
@@ -35,7 +35,7 @@ from jbw.study.prepared import PreparedTests
 
 
 class Comparisons(NamedTuple):
-    """The results of the analyses that accompany a joint posterior.
+    """The results of the analyses that follow a joint posterior.
 
     Attributes:
         tree: The posteriors with verification and validation: predictions of every test.
@@ -84,7 +84,7 @@ def compare(
 
 
 def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source: str) -> str | None:
-    """Return the sentence on the constant response of modes outside the band, if it is modelled.
+    """Return the sentence on the constant response of modes outside the band; None if not modelled.
 
     `source` is the unit of the quantity that drives the tests.
     """

@@ -1,4 +1,4 @@
-r"""The differences between the joints of two finished runs, with their probabilities.
+r"""Differences between the joints of two finished runs, with their probabilities.
 
 Two posteriors are taken as independent. For every quantity q that both determine,
 
@@ -58,13 +58,13 @@ from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
-NUM_DRAWS = 1000  # number of draws of each run, which make a million pairs
+NUM_DRAWS = 1000  # number of draws taken from each run, so that there are a million pairs
 NUM_CARRIED = 200  # number of draws of each run for which the backbone is computed
 # amplitudes of comparison, relative to the largest displacement that both runs fitted
 GRID = np.linspace(0.05, 1.0, 20)
-# Indices into GRID: 10 %, 25 %, 50 %, 75 % and 100 % of the largest common displacement.
+# indices into GRID of the amplitudes of comparison: 10, 25, 50, 75 and 100 % of the largest
 TOLD = (1, 4, 9, 14, 19)
-SURE = 0.995  # one-sided probability at which 0 is outside the 99 % interval of the difference
+SURE = 0.995  # one-sided probability above which the 99 % interval of the difference excludes 0
 INPUT = "gain"  # parameter of the source, not of the joint
 BY_CHANCE = 0.01  # probability of reporting a changed joint when no joint has changed
 APART = 1.1  # If two natural frequencies differ by a larger factor, they belong to different modes.
@@ -116,7 +116,7 @@ def differences(first: Path, second: Path) -> tuple[RunDifference, xr.Dataset | 
 def compared(
     a: Float[np.ndarray, " draw"], b: Float[np.ndarray, " other"], **named: Any
 ) -> ComparedQuantity:
-    """Return the intervals of A, B and A - B, and the probability P(A > B), from draws."""
+    """Return the intervals of A, B and A - B, and the probability P(A > B), from draws of both."""
     below = np.searchsorted(np.sort(b), a, "left") + np.searchsorted(np.sort(b), a, "right")
     away = np.subtract.outer(a, b).ravel()
     return ComparedQuantity(
@@ -153,7 +153,7 @@ def _require_comparable(first: FinishedRun, second: FinishedRun) -> None:
 
 
 def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
-    """Return the names of the parameters that both runs have, without noise levels."""
+    """Return the names of parameters that both runs have, except noise levels."""
     drawn = [scalars(run.tree) for run in (first, second)]
     both = [name for name in drawn[0] if name in drawn[1] and not name.startswith(UNCOUNTED)]
     if INPUT in both and len({unit_of(run.basis.posterior[INPUT]) for run in (first, second)}) > 1:
@@ -164,7 +164,7 @@ def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
 def _parameters(
     first: FinishedRun, second: FinishedRun
 ) -> tuple[list[ComparedQuantity], list[str]]:
-    """Return one comparison row per shared parameter of two runs, and the unshared names."""
+    """Return one comparison row per parameter of both runs, and the names that only one run has."""
     drawn = [_drawn(run) for run in (first, second)]
     rows: list[ComparedQuantity] = []
     for name in _shared(first, second):
@@ -186,7 +186,7 @@ def _parameters(
 
 
 def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
-    """Return evenly spaced draws of a run, widened by the parameters' variation between records."""
+    """Return evenly spaced draws of a run, with the parameters' variation between records added."""
     chosen = evenly_spaced(run.basis.posterior, NUM_DRAWS)
     drawn = {name: draws.ravel()[chosen] for name, draws in scalars(run.tree).items()}
     rng = np.random.default_rng(0)
@@ -198,7 +198,7 @@ def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
 
 
 def _std_between(run: FinishedRun) -> dict[str, float]:
-    r"""Return each mean's relative standard error from varying records, $\tau / \sqrt n$."""
+    r"""Return each mean's relative standard error, $\tau / \sqrt n$, caused by varying records."""
     if "between_records" not in run.tree.children:
         return {}
     between = run.tree["between_records"].to_dataset()
@@ -246,7 +246,7 @@ def _along_amplitude(
 def _statements(
     record: RunDifference, first: FinishedRun, second: FinishedRun, unshared: Sequence[str]
 ) -> list[str]:
-    """Return all sentences on a comparison of two runs: differences, equality and limits."""
+    """Return all sentences that compare two runs: what differs, what may be equal, and limits."""
     rows, runs = record.parameters, record.runs
     identified = [row for row in rows if not row.of_prior]
     sure = [row for row in identified if _is_sure(row)]
@@ -280,7 +280,7 @@ def _statements(
 
 
 def _homes(run: FinishedRun) -> dict[str, str]:
-    """Return, for each law, the joint and mode whose motion the law's parameters refer to.
+    """Return the joint and mode to whose motion each law's parameters refer.
 
     The laws are stated in metres of the motion with the largest energy share. The dictionary is
     empty where the mode shapes of the model are certain.
@@ -301,7 +301,7 @@ def _is_sure(row: ComparedQuantity) -> bool:
 
 
 def _differs(row: ComparedQuantity) -> str:
-    """Return the sentence on the difference of one quantity between two runs, with its interval."""
+    """Return the sentence on a quantity's difference between two runs, with the interval."""
     unit = "" if row.unit in ("", "1") else f" {row.unit}"
     place = "" if row.amplitude is None else f" at {number(row.amplitude)} m"
     low, middle, high = row.difference
@@ -374,7 +374,7 @@ def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float,
 
 
 def joint_statements(rows: Sequence[ComparedJoint]) -> list[str]:
-    """Return the sentences on joints that have changed and on joints that may be unchanged."""
+    """Return sentences on joints that have changed and on joints that may be unchanged."""
     sentences = [
         messages.joint_changed(row.joint, row.chi_square, row.degrees_of_freedom)
         for row in rows
@@ -386,14 +386,14 @@ def joint_statements(rows: Sequence[ComparedJoint]) -> list[str]:
 
 
 class Ratio(NamedTuple):
-    """The ratio of two products of a law's parameters, with the name of the first product."""
+    """The ratio of two products of a law's parameters, stored with the product that divides."""
 
     ratio: Monomial
     first: Monomial
 
 
 def ratios(laws: Sequence[str]) -> list[Ratio]:
-    """Return the ratio of the two products of each law that has two products of parameters."""
+    """Return the second product divided by the first for each law that has two products."""
     pairs = [law.products for law in laws_named(tuple(laws)) if len(law.products) == 2]
     return [Ratio(_over(second, first), first) for first, second in pairs]
 
@@ -414,7 +414,7 @@ def _over(second: Monomial, first: Monomial) -> Monomial:
 
 
 def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
-    """Return draws of a ratio of two products of a law's parameters; None if the divisor may be 0.
+    """Return draws of a ratio of two products of a law's parameters; None if it may be infinite.
 
     The result is also None if a parameter is missing.
     """
@@ -425,11 +425,10 @@ def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
 
 
 def are_two_modes(first: Draws, second: Draws) -> bool:
-    """Return whether two runs concern different modes, which their natural frequencies show."""
+    """Return whether two runs identified different modes, as their natural frequencies differ."""
     both = [float(np.median(draws["omega_n"])) for draws in (first, second) if "omega_n" in draws]
     return len(both) == 2 and max(both) > APART * min(both)
 
 
 def _shared_joint_sentence(row: ComparedQuantity, *, sure: bool) -> str:
-    """Return the sentence on whether two modes may share one joint, from a ratio of products."""
     return messages.one_joint(row.name, interval(*row.a), interval(*row.b), sure=sure)

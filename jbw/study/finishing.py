@@ -1,4 +1,4 @@
-"""The last steps of every identification: instrument errors, summary, first page, result tree.
+"""The end of every identification: instrument errors, summary, opening sentences, result tree.
 
 With `final = true` two identifications are combined: the posterior of the fit to all tests, and the
 model's accuracy on the tests that an earlier fit held out.
@@ -46,7 +46,7 @@ def finished_study(
     *,
     notes: Mapping[str, Any] | None = None,
 ) -> Study:
-    """Return the study of an identification, as `posterior.nc` and `summary.json` store it.
+    """Return the result of an identification as `posterior.nc` and `summary.json` store it.
 
     `notes` are additional entries of the summary.
     """
@@ -72,7 +72,7 @@ def finished_study(
 def measured_groups(
     order: Order, prepared: PreparedTests, tree: xr.DataTree, wide: xr.Dataset | None
 ) -> dict[str, xr.Dataset]:
-    """Return a result's groups: posteriors with instrument errors, and measured curves of records.
+    """Return a result's groups: posteriors with instrument errors, and curves measured in records.
 
     `wide` is the main posterior with the stated instrument errors; None where none are stated.
     """
@@ -95,7 +95,7 @@ def about_instruments(order: Order, prepared: PreparedTests) -> str:
 
 
 def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Dataset]:
-    """Return the posterior with the stated instrument errors, and the posterior without them."""
+    """Return the posterior widened by the stated instrument errors, and the original posterior."""
     widened = {n: wide[n].assign_attrs(x.attrs) for n, x in recorded.data_vars.items()}
     return {
         f"/{AS_RECORDED}": as_recorded(recorded, wide),
@@ -104,7 +104,7 @@ def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Da
 
 
 def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study:
-    """Identify a campaign twice: first with some tests held out, then with all tests fitted.
+    """Identify a campaign twice: first with some tests held out, then fitted to all tests.
 
     `once` makes one identification.
 
@@ -127,7 +127,7 @@ def held_out(summary: RunSummary) -> dict[str, StoredTest]:
 
 
 def with_held_out(final: Study, held: Study) -> Study:
-    """Return the study of all tests, with an earlier study's predictions of its held-out tests."""
+    """Return the study fitted to all tests, with earlier predictions of held-out tests."""
     first, last = held.result, final.result
     before = HeldOutAnswer(
         verdict=first.verdict.status, predictions=held_out(first), parameters=first.parameters

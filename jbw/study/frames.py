@@ -15,7 +15,7 @@ from jbw.results.stored import Stored
 if TYPE_CHECKING:  # The import takes half a second.
     from pandas import DataFrame
 
-# Suffixes of the columns for the lower end, the median and the upper end of a 99 % band.
+# Suffixes of the columns with the lower end, the median and the upper end of a 99 % band.
 ENDS = ("low", "", "high")
 PARAMETERS = ("unit", "mean", "sd", "cv", "q005", "q995", "map", "kl", "ess_bulk", "r_hat")
 
@@ -37,7 +37,7 @@ def parameter_frame(summary: RunSummary, step: str | None) -> "DataFrame":
 
 
 def backbone_frame(tree: xr.DataTree) -> "DataFrame":
-    """Return a backbone as a data frame with one row per amplitude (and mode of several joints)."""
+    """Return a backbone as a data frame: one row per amplitude, and per mode for several joints."""
     from pandas import Index, concat
 
     if node(tree, BACKBONES) is not None:
@@ -59,13 +59,13 @@ def backbone_frame(tree: xr.DataTree) -> "DataFrame":
         )
     group = branch(tree, BACKBONE, "frequency", "damping")
     frame = _bands(group["amplitude"], group["frequency"], group["damping"])
-    # The last fitted amplitude is a point of the grid, except for round-off.
+    # The largest fitted amplitude is on the grid, except for round-off.
     frame = frame.assign(fitted=frame.index <= group.attrs["y_fitted"] * (1 + 1e-9))
     return frame if (free := node(tree, FREE_LAW)) is None else frame.assign(**_free(frame, free))
 
 
 def _free(frame: "DataFrame", free: xr.DataTree) -> dict[str, np.ndarray]:
-    """Return the bands without a prescribed law at given amplitudes; NaN out of their range."""
+    """Return the bands of the free-form law at given amplitudes; NaN outside its range."""
     x, at = np.log(np.asarray(free["amplitude"], float)), np.log(frame.index.values)
     return {
         f"{column}_free{end and '_'}{end}": np.interp(
@@ -77,7 +77,7 @@ def _free(frame: "DataFrame", free: xr.DataTree) -> dict[str, np.ndarray]:
 
 
 def _bands(amplitude: xr.DataArray, frequency: xr.DataArray, damping: xr.DataArray) -> "DataFrame":
-    """Return the medians and 99 % band ends of frequency [Hz] and damping at each amplitude [m]."""
+    """Return medians and 99 % band ends of frequency [Hz] and damping at each amplitude [m]."""
     from pandas import DataFrame, Index
 
     columns = {}
@@ -95,7 +95,7 @@ def prediction_frame(summary: RunSummary) -> "DataFrame":
 
 
 def _frame(rows: Mapping[str, Stored], columns: Iterable[str], of: str) -> "DataFrame":
-    """Return a data frame from rows by name, without columns that are empty in all rows."""
+    """Return a data frame of rows by name; columns that are empty in all rows are dropped."""
     from pandas import DataFrame, Index
 
     stated = [row.plain() for row in rows.values()]

@@ -1,4 +1,4 @@
-"""The law without a prescribed form, fitted to measured frequency and damping."""
+"""The free-form law: a law without a prescribed formula, fitted to frequency and damping."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -20,17 +20,17 @@ from jbw.study.look import Look
 if TYPE_CHECKING:
     import xarray as xr
 
-PARTICLES = 400  # With this number of particles the evidence is accurate to one nat.
+PARTICLES = 400  # With this number of particles, the log evidence is accurate to one nat.
 NUM_AMPLITUDES = 48
-# Bands extend from the smallest amplitude divided by this factor to the largest times this factor.
+# Bands extend from the smallest amplitude divided by this factor to the largest times it.
 REACH = 3.0
-BEYOND = 1.25  # amplitude, relative to the largest one, at which a sentence states the bands
+BEYOND = 1.25  # multiple of the largest amplitude at which a sentence states the bands
 # Factor on variances above which frequency and damping vary clearly more than their errors explain.
 SCATTERED = 2.0
 
 
 def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
-    """Return the tables of measured frequency and damping of all fitted records.
+    """Return the measured tables of frequency and damping of all fitted records.
 
     If some repeats of a test cannot be read, it has fewer tables than repeats; all are returned.
     """
@@ -48,7 +48,7 @@ def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
 def free_law_of(
     looked: Look, seen: Measured, seed: int, *, named: bool, particles: int = PARTICLES
 ) -> FreeLaw | None:
-    """Fit a law without a prescribed form to measured frequency and damping of a campaign.
+    """Fit a law without a prescribed formula to a campaign's measured frequency and damping.
 
     Return None for several modes or joints, and where the readings do not suffice.
     """
@@ -57,7 +57,7 @@ def free_law_of(
     try:
         tables = fitted_tables(looked, seen)
         return free_law(tables, named=named, seed=seed, num_particles=particles)
-    except JbwError:  # There are too few measured values for a law without a form.
+    except JbwError:  # There are too few measured values for a free-form law.
         return None
 
 
@@ -88,7 +88,7 @@ def gap_record(tests: Sequence[Test], seen: Measured) -> dict[str, Any] | None:
 
 
 def gap_sentences(record: Mapping[str, Any] | None) -> list[str]:
-    """Return the sentences on how sliders behind gaps fit force loops and predict held-out ones."""
+    """Return sentences on how well sliders behind gaps fit and predict force loops."""
     if record is None:
         return []
     fit = messages.gap_sliders(record["sliders"], record["error"], record["mean_gap"])
@@ -96,7 +96,7 @@ def gap_sentences(record: Mapping[str, Any] | None) -> list[str]:
 
 
 def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
-    """Return the bands without a prescribed law as a result group; empty without them."""
+    """Return the bands of the free-form law as a result group; empty if it was not fitted."""
     if law is None:
         return {}
     import xarray as xr  # The import takes long.
@@ -127,7 +127,7 @@ def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
 
 
 def free_law_record(law: FreeLaw | None) -> dict[str, Any] | None:
-    """Return evidence and tests of the law without a prescribed form as plain values, or None."""
+    """Return evidence and tests of the free-form law as plain values; None if not fitted."""
     if law is None:
         return None
     best = max(law.log_evidence.values())
@@ -143,7 +143,7 @@ def free_law_record(law: FreeLaw | None) -> dict[str, Any] | None:
 
 
 def free_law_sentences(law: FreeLaw | None) -> list[str]:
-    """Return the sentences on frequency and damping without a prescribed form of the law."""
+    """Return sentences on frequency and damping by the free-form law."""
     if law is None:
         return []
     high = float(law.rows.y.max())

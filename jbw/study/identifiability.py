@@ -1,4 +1,4 @@
-"""The identifiability of parameters, from the fit and, after sampling, also from the draws."""
+"""The identifiability of parameters, from the fit and, after sampling, from posterior draws."""
 
 import logging
 from collections.abc import Mapping, Sequence
@@ -39,17 +39,17 @@ from jbw.report.messages import identified
 from jbw.results.run import StoredIdentifiability
 
 logger = logging.getLogger("jbw")
-# A start found the optimum if its final cost exceeds the lowest cost by less than this fraction.
+# A start has found the optimum if its final cost exceeds the lowest cost by a smaller fraction.
 REACHED = 0.01
-# A smaller difference of cost (0.1 in chi-square) is no reason to prefer one of two optima.
+# A difference of cost below this (0.1 in chi-square) is no reason to prefer one of two optima.
 NOTHING = 0.05
-# column of the result: dimensions, values, unit
+# a column of the result: dimensions, values, unit
 Column = tuple[str | tuple[str, str], Any, str]
 
 
 @dataclass(frozen=True)
 class Identifiability:
-    """The identifiability of parameters and products: how well the data constrain them."""
+    """How well the data determine each parameter and each product of parameters."""
 
     fitted: Fitted  # the fit and the data to which it was fitted
     # Products of parameters, examined like the parameters themselves.
@@ -64,11 +64,11 @@ class Identifiability:
     statements: tuple[str, ...] = ()  # sentences on all these results
 
     def summary(self) -> dict[str, Any]:
-        """Return plain values for `identifiability` in summary.json; None for an unknown number."""
+        """Return the result as plain values for `summary.json`; unknown numbers are None."""
         return self.stored().plain()
 
     def stored(self) -> StoredIdentifiability:
-        """Return the result as a run's summary stores it."""
+        """Return the result in the form in which a run's summary stores it."""
         costs, names = self.fitted.fit.waterfall, self.information.names
         facts = ("value", "sd", "relative", "ratio")
         rows = {
@@ -141,7 +141,7 @@ def identifiability(
     """
     require_float64()
     seen = measured_in(campaign, report)
-    # The identifiability is stated for the parameters of Teloli et al.
+    # The identifiability is stated for the parameters that Teloli et al. use.
     seen = replace(seen, settings=seen.settings.model_copy(update={"coordinates": "paper"}))
     key = jax.random.key(campaign.settings.seed if seed is None else seed)
     return look(fit_joint(key, seen, report), with_profiles=profiles, report=report)
@@ -173,7 +173,7 @@ def _of_data(fitted: Fitted) -> Fit:
 def look_again(
     fitted: Fitted, posterior: xr.Dataset, settings: Identify, report: Report = logger.info
 ) -> Identifiability:
-    """Return how precisely fit and posterior draws determine each parameter."""
+    """Return how precisely the fit and the posterior draws determine each parameter."""
     before = look(fitted, with_profiles=settings.profiles, report=report)
     box, products = fitted.box, before.products
     draws = {name: posterior[name].values for name in box.names}
@@ -182,7 +182,7 @@ def look_again(
     values = {product.name: value_of(product, draws) for product in looked_at}
     sensitivity = box_sensitivity(values, box)
     texts = {product.name: product.text for product in looked_at}
-    # After sampling, the posterior draws decide which parameters are determined.
+    # After sampling, posterior draws decide which parameters are determined.
     sentences = [
         *fitted.statements,
         directions_sentence(before.information),
@@ -197,7 +197,7 @@ def look_again(
 
 
 def reached(costs: NDArray[np.float64]) -> int:
-    """Count the starts of a fit that reached the lowest cost (within 1 % or its rounding noise)."""
+    """Count the starts of a fit that reached the lowest cost (to 1 % or to numerical noise)."""
     lowest = float(np.min(costs))
     return int(np.sum(costs <= lowest + max(REACHED * lowest, NOTHING)))
 
@@ -236,7 +236,6 @@ def as_group(found: Identifiability) -> xr.Dataset:
 
 
 def _meaning(column: str) -> str:
-    """Return the meaning of a column of the group /identifiability."""
     return identified.COLUMNS.get(column) or identified.COLUMNS[column.partition("_")[2]]
 
 

@@ -27,7 +27,7 @@ from jbw.verification.grade import judged
 from jbw.verification.verify import predicted_tests, prediction_findings
 
 logger = logging.getLogger("jbw")
-# Numbers of random keys: for Steps 3 and 4, and for the stages of the joint posterior.
+# numbers that derive random keys: for Steps 3 and 4, and for the stages of the joint posterior
 NUM_KEYS, NUM_PARTS = 16, 5
 
 
@@ -83,23 +83,23 @@ def identify(
         return for_use(lambda part, kept: again(part, keep=kept), campaign, keep, report)
     seed = campaign.settings.seed if seed is None else seed
     order = Order(campaign, seed, truth, command, perf_counter())
-    # Usable tests, fitted and held out, and the result of Step 2.
+    # Select usable tests, fitted and held out, and fit the FRF (Step 2).
     prepared = prepare_tests(campaign, report, seed)
     order = order.under(prepared.measured.laws)
     if quick:
         return first_answer(order, prepared, report)
     measured = prepared.measured
     keys = iter(parts_of(jax.random.key(seed), NUM_KEYS))
-    # Steps 3 and 4 with earlier results fixed, as in Teloli et al.
+    # Sample Steps 3 and 4, each with the earlier results fixed, as in Teloli et al.
     paper = paper_route(measured, keys, report, keep)
     problem = joint_problem(measured, paper.means, seed=seed, report=report, start=prepared.start)
     key = parts_of(next(keys), NUM_PARTS)
-    # The fit determines starts, noise, run effects, coordinates and solver steps.
+    # The fit determines starting points, noise, run effects, coordinates and solver steps.
     fit = fit_problem(key[:2], problem)
     report_fit(measured, fit, seed, report)
-    # The posterior of all parameters is drawn, by Eq. (37).
+    # The posterior of all parameters together is sampled, by Eq. (37).
     posterior = draw_joint(key[2:4], problem, fit, keep=keep)
-    # Checks of the chains, the fit and the posterior.
+    # The chains, the fit and the posterior are checked.
     checks = check_joint(key[4], posterior)
     free = free_decays(measured, posterior, checks, seed=seed, report=report, keep=keep)
     posteriors = Posteriors(posterior, checks, free, paper)

@@ -1,4 +1,4 @@
-"""Predictions of a run's joint under other loads, with bands from posterior draws.
+"""Predictions of a run's response to other loads, with bands from posterior draws.
 
 A member holds the draws of one law as oscillators of equivalent stiffness and loss. Bands contain
 the uncertainty of parameters, the variation between runs and the model discrepancy at the amplitude
@@ -30,10 +30,10 @@ from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.withheld import is_withheld
 
-FEW = 4  # number of draws for which the amplitude under a load is computed first
+FEW = 4  # number of draws for a first estimate of the amplitude under a load
 # Up to this ratio of the third harmonic to the first, one harmonic is accurate to 1e-5.
 ONE_HARMONIC = 1e-3
-MANY = 8  # number of odd harmonics if the third harmonic is larger
+MANY = 8  # number of odd harmonics if the ratio is larger
 TAU = 2.0 * np.pi
 Complexes = NDArray[np.complex128]
 
@@ -70,7 +70,7 @@ class Load:
 
 
 def load_on(basis: Basis, load: Load) -> Load:
-    """Return a load with its participation factor: the stated or identified one, or 1.
+    """Return the load with its participation factor: stated, identified, or 1.
 
     Raises:
         ConfigError: The stated participation is zero or infinite.
@@ -101,7 +101,7 @@ class LoadOptions(TypedDict, total=False):
 
 
 class Member(NamedTuple):
-    """The posterior draws of one law as oscillators with amplitude-dependent stiffness and damping.
+    """Posterior draws of one law, as oscillators whose stiffness and damping depend on amplitude.
 
     Attributes:
         motion: The oscillators of equivalent stiffness and loss.
@@ -162,7 +162,7 @@ def measured_of(basis: Basis, load: Load) -> SeenResponse:
 
 
 def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> list[Member]:
-    """Return the draws of each law of a run as oscillators, with the harmonics for a load.
+    """Return the draws of each law of a run as oscillators, with the load's number of harmonics.
 
     Raises:
         ConfigError: There are too few draws.
@@ -191,7 +191,7 @@ def _require_one_mode(basis: Basis) -> None:
 
 
 class Prepared(NamedTuple):
-    """The posterior draws for one level of a load, with the amplitude that they reach.
+    """Posterior draws prepared for one level of a load, with the amplitude that they reach.
 
     Attributes:
         members: The draws of every law.
@@ -209,7 +209,7 @@ class Prepared(NamedTuple):
 
     @property
     def facts(self) -> dict[str, Any]:
-        """Return attributes of a prediction: amplitude, whether a band is withheld, warnings."""
+        """The attributes of a prediction: amplitude, whether its band is withheld, warnings."""
         said = "\n".join(self.warnings)
         return {"reach": self.reach, "withheld": int(self.withheld), "warnings": said}
 
@@ -240,7 +240,7 @@ def prepared(
 
 
 def _harmonics(member: Member, y: float) -> int:
-    """Return how many odd harmonics an amplitude [m] needs: 1 if the third is small, else 8."""
+    """Return the number of odd harmonics for an amplitude [m]: 1 if the third is small, else 8."""
     motion = member.motion
     amplitude = np.full((len(motion.omega_n), 1), y)
     stiffness, _ = motion.values(amplitude, motion.omega_n)
@@ -251,7 +251,7 @@ def _harmonics(member: Member, y: float) -> int:
 def response_of(
     member: Member, load: Load, seen: SeenResponse, level: float, omega: Values, y: Complexes
 ) -> Complexes:
-    """Return the response to a load in its unit, from displacements per force.
+    """Return the response to a load in the requested unit, from displacements per draw.
 
     Displacements y are in m, with phases relative to the force.
 
@@ -274,7 +274,7 @@ def level_of(member: Member, level: float) -> Values:
 
 
 def peak_of(level: float) -> Callable[[Member], Values]:
-    """Return a function that computes each draw's peak displacement [m] at a level of source."""
+    """Return a function that computes each draw's peak displacement [m] at a source level."""
     return lambda member: peaks(member.motion, level_of(member, level)).y
 
 
@@ -306,7 +306,7 @@ def labelled(
 
 
 def checked_levels(values: Iterable[float]) -> list[float]:
-    """Return the levels of a load as numbers; raise an error if one is not positive or finite."""
+    """Return the levels of a load as numbers; raise an error if one is not positive and finite."""
     levels = [float(value) for value in values]
     wrong = [value for value in levels if not 0.0 < value < np.inf]
     if wrong or not levels:
@@ -319,7 +319,7 @@ def checked_levels(values: Iterable[float]) -> list[float]:
 
 
 def checked_band(band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Return a frequency band [Hz]; raise an error unless it is positive and rises."""
+    """Return a frequency band [Hz]; raise an error unless its ends are positive and increasing."""
     low, high = map(float, band_hz)
     if not 0.0 < low < high < np.inf:
         raise ConfigError(

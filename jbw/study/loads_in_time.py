@@ -1,4 +1,4 @@
-"""The bands of the response under loads in time: random profiles and shocks."""
+"""Bands of the response to loads that vary in time: random profiles and shocks."""
 
 from dataclasses import replace
 
@@ -26,7 +26,7 @@ from jbw.study.loads import (
 )
 from jbw.verification.predictive_basis import Basis
 
-# number of frequencies on each side of the resonance, with spacing that grows with distance
+# number of frequencies on each side of the resonance; their spacing grows with distance
 FEW = 240
 MOST_TIMES = 2000  # approximate number of times at which a response is stored
 
@@ -66,7 +66,7 @@ def random_of(basis: Basis, profile: RandomProfile, duration: float, load: Load)
 def _random(
     found: RandomResponse, load: Load, seen: SeenResponse, freq_hz: Values, duration: float
 ) -> dict[str, Values]:
-    """Return each draw's statistics and spectrum of the random response of the joint's mode."""
+    """Return the statistics and spectrum of each draw's response to a random load."""
     if load.is_base:
         spectrum = found.base_spectrum(freq_hz, load.participation, load.shape)
     else:
@@ -91,7 +91,7 @@ def _frequencies(centre: Values, damping: Values, band: tuple[float, float], few
     width = 12.0 * float(np.max(damping * centre))
     low, high = float(np.min(centre)) - width, float(np.max(centre)) + width
     near = np.linspace(low, high, min(int((high - low) / step) + 2, 4000))
-    # Away from the resonance the spacing grows with the distance from it.
+    # Away from the resonance, spacing grows with distance.
     away = width * np.geomspace(1.0, max(band[1] / width, 2.0), few)
     every = np.concatenate([near, low + width - away, high - width + away, band])
     return np.unique(every[(every >= band[0]) & (every <= band[1])])
@@ -105,7 +105,7 @@ def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
             f"The shock must be in {seen.source}, but is in {pulse.unit}.",
             remedy='Give a force, or `drive="base"` for an acceleration of the base.',
         )
-    single = replace(load, harmonics=1)  # A shock is integrated in time, without harmonics.
+    single = replace(load, harmonics=1)  # A shock is integrated in time and needs no harmonics.
 
     def moved(member: Member) -> ShockResponse:
         share = -member.share if load.is_base else member.share

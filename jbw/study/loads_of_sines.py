@@ -1,4 +1,4 @@
-"""Bands of sine responses: curves, their resonance, and the level that keeps a limit."""
+"""Bands of responses to sines: curves, resonances, and the level that keeps a limit."""
 
 from collections.abc import Iterable
 
@@ -106,7 +106,7 @@ def response_curve_of(
 def _curve(
     member: Member, load: Load, seen: SeenResponse, level: float, peak: Peaks, freq_hz: Values
 ) -> dict[str, Values]:
-    """Return each draw's response curve, and its response in slow sweeps up and down."""
+    """Return each draw's response curve, and its response to slow sweeps up and down."""
     omega = TAU * freq_hz
     curve = whole_curve(member.motion, peak, (float(omega[0]), float(omega[-1])))
     phasor = np.asarray(curve.y * np.exp(1j * curve.phase), complex)[:, 0]
@@ -134,13 +134,14 @@ def notch_of(
     omega = TAU * freq_hz
 
     def displacement(member: Member) -> tuple[Values, Values]:
-        """Return the displacement at which the response equals the limit, and the force for it."""
+        """Return the displacement and the force at which the response equals the limit."""
         frequency = np.broadcast_to(omega, (len(member.motion.omega_n), len(omega)))
         y = np.broadcast_to(
             limit / seen.factor / omega ** derivative_order(seen.name), frequency.shape
         )
         ratio, share = held_ratio(member.motion, y, frequency), load.participation
-        # On a moving base the acceleration of the base is part of the response.
+        # On a moving base, the response contains the base's acceleration, so the search is
+        # repeated.
         for _ in range(MOST_ROUNDS if load.is_base else 0):
             before = y
             y = limit / seen.factor * abs(share) / np.abs(ratio + share * load.shape * frequency**2)

@@ -1,4 +1,4 @@
-"""The frequency and damping against amplitude that records show without a model of the joint.
+"""Frequency and damping against amplitude, as records show them without a model of the joint.
 
 Every driven record is read near its resonance as that of a linear oscillator. Free decays are read
 along their envelopes, steady tones and response curves from their harmonics, force loops by their
@@ -61,11 +61,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
 logger = logging.getLogger("jbw")
-# Ratio of repeats' standard deviation to the rms of their mean, above which they are not repeats.
+# If the standard deviation between records, relative to the rms of their mean, exceeds this, the
+# records are no repeats.
 CHANGED = 0.5
-# A record that raises one of these errors is named as unreadable; all others are evaluated.
+# A record that raises one of these errors is listed as unreadable; the others are evaluated.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
-NUM_SHOWN = 2000  # number of spectral lines of a response that a figure shows
+NUM_SHOWN = 2000  # largest number of spectral lines that a figure of a response shows
 UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1", "frequency_sd": "Hz", "damping_sd": "1"}
 MEANING = {
     "y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio",
@@ -75,16 +76,18 @@ MEANING = {
 # Relative change of secant stiffness during equal cycles; the test rig alone causes smaller
 # changes.
 WORN = 0.02
-# Change relative to half width or damping; noise in a clear resonance causes smaller changes.
+# Change of frequency relative to the half width, or of damping relative to itself; noise in a clear
+# resonance causes smaller changes.
 CLEAR = 0.2
-# Probability below which offsets of records depend on their order or run, and are not random.
+# probability below which offsets of records are not random but depend on their order or run
 RISES = 1e-3
-ORDERED = 4  # Fewest records for which a dependence on their order is tested.
-PLATEAU = 3  # Fewest values below an amplitude that show the structure to be linear there.
+ORDERED = 4  # smallest number of records for which a dependence on their order is tested
+# smallest number of values below an amplitude that show the structure to be linear there
+PLATEAU = 3
 
 
 class ShownResponse(NamedTuple):
-    """The frequency response of displacement per unit of the source."""
+    """A measured frequency response: displacement per unit of the source."""
 
     freq_hz: Float[np.ndarray, " line"]
     magnitude: Float[np.ndarray, " line"]
@@ -93,7 +96,7 @@ class ShownResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class Look:
-    """The result of `look`: the stored record, measured values, tables and responses by test."""
+    """The result of `look`: the stored record; measured values, tables and responses by test."""
 
     record: StoredLook
     readings: dict[str, list[Reading]]
@@ -102,7 +105,7 @@ class Look:
 
 
 def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look:
-    """Measure frequency and damping against amplitude of every test, without a joint model.
+    """Measure frequency and damping against amplitude for every test, without a model of the joint.
 
     Args:
         campaign: A campaign from `jbw.load_campaign`.
@@ -159,7 +162,7 @@ def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
 
 
 def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
-    """Yield the tests of a campaign; a free decay only in the band of the first mode."""
+    """Yield the tests of a campaign; restrict free decays to the band of the first mode."""
     structure = campaign.structure
     modes_hz = () if structure is None else structure.modes
     for test in campaign.tests:
@@ -170,7 +173,7 @@ def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
 
 
 def look_quietly(campaign: Campaign) -> Look:
-    """Measure frequency and damping of a campaign, without warnings that were already given."""
+    """Measure a campaign's frequency and damping without repeating warnings given earlier."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return look(campaign, report=lambda _: None)
@@ -181,7 +184,7 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
 
     `fitted` gives by test name whether a posterior was fitted to records of the test.
     """
-    import xarray as xr  # This import takes long, and it is needed only for a figure.
+    import xarray as xr  # This import is slow and needed only here.
 
     groups, fitted = {}, fitted or {}
     for row in looked.record.tests:
@@ -195,10 +198,10 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
         if response is not None:
             attrs = {"units": response.unit, "long_name": "displacement over source"}
             variables["response"] = ("freq", response.magnitude, attrs)
-            # This variable is the coordinate of the response.
+            # "freq" is the coordinate of the response.
             variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})
         stated = {"test": row.test, "kind": row.kind, "level": row.level, "drive": row.drive}
-        if row.test in fitted:  # A family of tones has no entry.
+        if row.test in fitted:  # A group of tones that was analysed together has no entry.
             stated["fitted"] = int(fitted[row.test])
         attrs = {key: value for key, value in stated.items() if value is not None}
         groups[place("look", row.test)] = xr.Dataset(variables, attrs=attrs)
@@ -206,7 +209,7 @@ def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict
 
 
 def _seen(test: Test) -> list[str]:
-    """Return the sentences on a test's repeats, harmonics and noise, or on a phase-locked test."""
+    """Return sentences on a test's repeats, harmonics and noise, or on its phase control."""
     if test.traits.is_locked:
         return [locked_sentence(test)]
     blows = blows_seen(test.name, [record.provenance for record in test.records])
@@ -214,7 +217,7 @@ def _seen(test: Test) -> list[str]:
 
 
 def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
-    """Group the tests that are analysed together: all single tones of one level form a curve."""
+    """Group tests that are analysed together: all single tones of one level form a curve."""
     groups_of_tests: dict[str, list[Test]] = {}
     for test in tests:
         if not test.traits.is_prescribed:
@@ -224,7 +227,7 @@ def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
 
 
 class RecordRead(NamedTuple):
-    """Measured frequency and damping of one record: rows for a report, and a table with errors."""
+    """Frequency and damping measured in one record: rows for a report, and a table with errors."""
 
     rows: tuple[Reading, ...]
     table: RecordTable
@@ -256,7 +259,6 @@ def _read(
 
 
 def _of_rows(rows: Sequence[Reading]) -> RecordRead:
-    """Return a table of a record's frequency and damping, measured with independent errors."""
     y, hz, zeta, hz_sd, zeta_sd = (
         np.array([getattr(row, name) for row in rows], float)
         for name in ("y", "frequency_hz", "damping", "frequency_sd", "damping_sd")
@@ -266,7 +268,7 @@ def _of_rows(rows: Sequence[Reading]) -> RecordRead:
 
 
 def _of_reading(read: ModeReading) -> RecordRead:
-    """Return a table of a decay's or sweep's frequency and damping, by increasing amplitude."""
+    """Return frequency and damping along a decay or sweep as rows and as a table by amplitude."""
     table = read.table()
     sds = (np.sqrt(np.diag(x)) for x in (table.hz_covariance, table.zeta_covariance))
     columns = table.y, table.hz, table.zeta, *sds
@@ -278,7 +280,7 @@ def _of_reading(read: ModeReading) -> RecordRead:
 
 
 def _of_decays(test: Test) -> Iterator[RecordRead]:
-    """Yield measured frequency and damping of each decay, in its band or at its strongest line."""
+    """Yield frequency and damping of each decay, measured in its band or at its strongest line."""
     yield from (_of_reading(read) for read in read_decays(test) if read is not None)
 
 
@@ -289,7 +291,7 @@ def _of_sweep(record: Record, test: Test) -> RecordRead | None:
 
 
 def _holding(one: RecordRead) -> RecordRead | None:
-    """Remove values of frequency and damping that are not physical; return None if none remains."""
+    """Remove unphysical values of frequency and damping; return None if none remains."""
     holds = np.array([row.holds for row in one.rows])
     if np.all(holds):
         return one
@@ -309,13 +311,13 @@ def _holding(one: RecordRead) -> RecordRead | None:
 
 
 def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownResponse]:
-    """Measure frequency and damping of response curves near their largest motion."""
+    """Measure frequency and damping from response curves near their largest motion."""
     groups = [group for group in groups_of(list(tests)) if group.order == 1]
     if not groups:
         raise DataError(f"Test {tests[0].name} has no response to a single tone.")
     readings_found = []
     for group in groups:
-        # If a test controls the amplitude of the response, its motion is real.
+        # If a test controls the amplitude of the response, the motion is stored as real numbers.
         y = group.motion[:, 0].astype(complex)
         top = int(np.argmax(np.abs(y)))
         third = abs(group.motion[top, 1] / y[top]) if group.motion.shape[1] > 1 else 0.0
@@ -327,7 +329,7 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
 
 
 def _row(name: str, test: Test, records: Sequence[RecordRead]) -> StoredReading:
-    """Return a test's frequency and damping at its largest motion: means over records with errors.
+    """Return a test's frequency and damping at its largest motion, as means over its records.
 
     An error combines that of a single record with the standard deviation between records.
     """
@@ -360,7 +362,7 @@ def _finite(value: Any) -> float | None:
 
 
 def _scatter(test: Test) -> float | None:
-    """Return the repeats' standard deviation relative to their mean's rms; None if incomparable."""
+    """Return the standard deviation of repeats relative to the rms of their mean; or None."""
     records = test.records
     sizes = {record.num_samples for record in records}
     if len(records) < 2 or len(sizes) > 1 or not (test.traits.is_transient):
@@ -372,7 +374,7 @@ def _scatter(test: Test) -> float | None:
 
 
 def _coherence(test: Test) -> float | None:
-    """Return the coherence of source and response at resonance; None unless noise is random."""
+    """Return the coherence of source and response at resonance; None if the noise is periodic."""
     if not test.traits.is_broadband or test.periods > 1:
         return None
     first = test.records[0]
@@ -409,7 +411,7 @@ def _loop_row(test: Test) -> StoredLoop:
 
 
 def _secant(test: Test, loop: ForcedLoop) -> tuple[float, float]:
-    """Return half the displacement between a loop's ends [m] and the stiffness there [N/m]."""
+    """Return half the displacement between a loop's ends [m], and the stiffness [N/m]."""
     ends = [int(np.nanargmin(loop.displacement)), int(np.nanargmax(loop.displacement))]
     (bottom, top), force = loop.displacement[ends], loop.force[ends]
     if top == bottom:
@@ -435,7 +437,7 @@ def _shown(
 
 
 def read_of_shaker(spec: TestSpec, record: Record) -> str:
-    """Return the sentence on the attached shaker, or on why it is not identified."""
+    """Return a sentence on the attachment of a shaker, or on why it is not identified."""
     test = Test(
         spec.kind, (record,), name=spec.name, band_hz=spec.band, periods=spec.periods,
         settle=spec.settle,
@@ -451,7 +453,7 @@ def statements(
     by_test: Mapping[str, list[RecordTable]],
     modes_hz: Sequence[float] = (),
 ) -> tuple[list[str], tuple[str, ...]]:
-    """Return sentences on measured frequency and damping, and the laws they suggest.
+    """Return sentences on measured frequency and damping, and the laws that these suggest.
 
     The sentences state whether records differ, and how frequency and damping depend on amplitude.
     Several modes are reported separately, each from the readings nearest to its frequency.
@@ -462,7 +464,7 @@ def statements(
         of_mode = [table for _, table in tables], [labels.get(name, "") for name, _ in tables]
         try:
             answer = nonlinear(*of_mode)
-        # An identification continues even if, for example, the measured values have no errors.
+        # An identification continues even if, for example, measured values have no errors.
         except UNREADABLE:
             answer = Nonlinear(False, [messages.NOT_STATED])
         laws = laws or answer.laws
@@ -491,7 +493,7 @@ def statements(
 def _by_mode(
     by_test: Mapping[str, list[RecordTable]], modes_hz: Sequence[float]
 ) -> dict[float | None, list[tuple[str, RecordTable]]]:
-    """Return tables of frequency and damping with their tests, grouped by the nearest mode [Hz]."""
+    """Group tables of frequency and damping, with their tests, by the nearest mode [Hz]."""
     groups: dict[float | None, list[tuple[str, RecordTable]]] = {
         _nearest(mode_hz, modes_hz): [] for mode_hz in modes_hz or (1.0,)
     }
@@ -509,7 +511,7 @@ def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
 
 
 class Nonlinear(NamedTuple):
-    """Whether frequency or damping depend on amplitude, with sentences and likely laws."""
+    """Whether frequency or damping depend on amplitude, with sentences and possible laws."""
 
     is_seen: bool
     sentences: list[str]
@@ -517,7 +519,7 @@ class Nonlinear(NamedTuple):
 
 
 def _worn(loop: StoredLoop) -> str | None:
-    """Return the sentence on a change of stiffness during equal cycles; None if it is small."""
+    """Return a sentence on stiffness that changes during equal cycles; None for a small change."""
     changes = {
         number: cycle.retained - 1
         for number, cycle in enumerate(loop.cycles, start=1)
@@ -559,7 +561,6 @@ def nonlinear(tables: Sequence[RecordTable], labels: Sequence[str] = ()) -> Nonl
 
 
 def _change(what: str, seen: AmplitudeTrend) -> str:
-    """Return the clause on how frequency or damping changes with amplitude."""
     unit = "" if what == "frequency" else " of critical damping"
     if not seen.is_seen:
         return messages.no_change(what, seen.change, seen.change_sd, unit)
@@ -584,7 +585,7 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
-    """Return "runs" or "order" if differences between records depend on it; empty otherwise."""
+    """Return "runs" or "order" if differences between records depend on it, else an empty text."""
     count = len(offsets)
     groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
     if 1 < len(groups) < count:
@@ -602,7 +603,7 @@ def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
 
 
 def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear:
-    """Return the sentence on the last record compared with the first, if no trend can be tested."""
+    """Compare the weakest with the strongest record, if there are too few values for a trend."""
     y, frequency, damping = (
         [float(getattr(table, name)[0]) for table in tables] for name in ("y", "hz", "zeta")
     )
@@ -617,7 +618,7 @@ def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear
 
 
 def days(rows: Sequence[StoredReading]) -> list[str]:
-    """Return the sentence on how frequency and damping vary within and between days."""
+    """Return a sentence on how frequency and damping vary within a session and between sessions."""
     groups: dict[tuple[Any, ...], dict[tuple[Any, ...], list[StoredReading]]] = {}
     for row in rows:
         day = row.assembly, row.run

@@ -32,13 +32,13 @@ from jbw.study.resumable import carried_out, digest_of
 from jbw.study.workers import Executor, in_processes, submitted
 
 logger = logging.getLogger("jbw")
-# name of a campaign file from which a run takes no name; the folder's name is used
+# A run of a campaign file with this name is named after the file's folder.
 PLAIN = "campaign"
 
 
 @dataclass(frozen=True)
 class Task:
-    """One campaign to identify, in the form that is sent to a worker."""
+    """One campaign to identify, in a form that can be sent to a worker process."""
 
     campaign: str
     folder: str
@@ -51,7 +51,7 @@ class Task:
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """The outcome of one campaign of several: its run, status, verdict and error.
+    """The outcome of one of several campaigns: its run, status, verdict and error.
 
     Attributes:
         campaign: Path of the campaign file.
@@ -166,7 +166,7 @@ def identify_many(
 
 
 def run_task(task: Task) -> RunOutcome:
-    """Begin or resume one run in a worker's process, and return its outcome even if it fails."""
+    """Begin or resume one run in a worker process; return its outcome even if it fails."""
     with warnings.catch_warnings(record=True) as warned:
         outcome = _run(task)
     messages_shown = tuple(dict.fromkeys(str(warning.message) for warning in warned))
@@ -238,7 +238,7 @@ def _file_of(campaign: str | Path | Campaign) -> Path:
 
 
 def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
-    """Return the run folder of each campaign file; raise an error if two share one."""
+    """Return the run folder of each campaign file; raise an error if two files share a folder."""
     if not files:
         raise ConfigError("No campaign is given.", remedy="Give one campaign file or more.")
     names = [file.parent.name if file.stem == PLAIN else file.stem for file in files]
@@ -328,7 +328,6 @@ def _outcome_of(task: Task, future: Any) -> RunOutcome:
 
 
 def _sentence(outcome: RunOutcome, so_far: Sequence[RunOutcome], total: int) -> str:
-    """Return the progress sentence: how many campaigns are finished, and the latest outcome."""
     failed = sum(earlier.status == "failed" for earlier in so_far)
     name = Path(outcome.folder).name
     if outcome.status == "failed":

@@ -77,9 +77,9 @@ def numpyro_model(
 
 
 def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
-    """Return the posterior for the data of a given fit as a NumPyro model."""
+    """Return the posterior for a fit's data as a NumPyro model."""
     fit, box, data = fitted.fit, fitted.box, fitted.data
-    # The sites already contain the stated prior densities, which must not be counted twice.
+    # The NumPyro sites already contain the stated prior densities, which must not be counted twice.
     unstated = replace(data, stated=StatedDensities())
 
     def derived(theta: Mapping[str, Any]) -> dict[str, Any]:
@@ -98,7 +98,7 @@ def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
 
 
 def _of_laws(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
-    """Return the laws' parameters and products that follow from the sampled parameters."""
+    """Return the parameters and products of the laws that follow from sampled parameters."""
     every = {**data.held, **theta}
     values: dict[str, Any] = {}
     for law in laws_named(data.laws):
@@ -118,8 +118,8 @@ def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
 
 
 def _with_prior(campaign: Campaign, prior: Mapping[str, Any]) -> Campaign:
-    """Return the campaign with some priors replaced, each checked like one in a campaign file."""
-    # Only the new priors are checked: settings made in Python may have no form in a file.
+    """Return the campaign with some priors replaced, each checked as in a campaign file."""
+    # Only the new priors are checked: settings made in Python may be impossible in a file.
     checked = Identify.of({"prior": {**campaign.settings.prior, **prior}})
     settings = campaign.settings.model_copy(update={"prior": checked.prior})
     modes = 1 if campaign.structure is None else len(campaign.structure.modes)

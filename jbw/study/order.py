@@ -25,5 +25,5 @@ class Order:
     started: float
 
     def under(self, laws: Sequence[str]) -> "Order":
-        """Return the request with the given laws, unless its campaign states laws."""
+        """Return the request with the given laws, unless its campaign already states laws."""
         return replace(self, campaign=with_laws(self.campaign, laws))

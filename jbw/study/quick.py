@@ -28,7 +28,7 @@ from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 
 
 def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study:
-    """Return the result of a fit without sampling, with Gaussian bands from its covariance.
+    """Return the result of a fit without sampling, with Gaussian bands from the fit's covariance.
 
     The study has the form of any other, but predicts no test.
     """
@@ -58,7 +58,7 @@ def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
 
 
 def fit_errors(fitted: Fitted) -> dict[str, float]:
-    """Return the error of the fit to each data group, relative to the rms of the group."""
+    """Return the fit's error for each data group, relative to the rms of the group's data."""
     residuals = dataset.residual_by_label(fitted.fit.residual, fitted.data)
     errors = dataset.error_by_label(residuals, fitted.data)
     return {label: float(error) for label, error in errors.items()}

@@ -1,4 +1,4 @@
-"""The execution of a run in its folder, from its current state to its report."""
+"""The execution of a run in its folder, from its stored state to its report."""
 
 import hashlib
 import json
@@ -31,7 +31,7 @@ Say = Callable[[str], None]
 def carried_out(
     run: Run, say: Say, beside: "Beside | None" = None
 ) -> tuple[RunSummary, xr.DataTree]:
-    """Finish a run from its current state, and return its summary and its result tree.
+    """Continue a run from its stored state to its end; return its summary and result tree.
 
     After a first answer only the result is written, and the run can be continued later. A second
     process, `beside`, draws some of the report's figures.
@@ -40,7 +40,7 @@ def carried_out(
     if (run.folder / "summary.json").exists() and not is_first_answer(run.folder):
         summary, tree = read_result(run.folder)
     else:
-        forget_when_many()  # Free the compiled functions that earlier runs left in this process.
+        forget_when_many()  # This frees compiled functions that earlier runs left in this process.
         tree, summary = identified(run, say)
         save_result(run.folder, tree, summary.plain())
         if run.manifest.quick:
@@ -51,13 +51,13 @@ def carried_out(
         save_report(run.folder, tree, summary, beside, formats)
     finally:
         if not run.interruption.asked:
-            run.finish()  # If the report failed, `jbw report` can write it again.
+            run.finish()  # If the report fails, `jbw report` can write it later.
     say("Done")
     return summary, tree
 
 
 def identified(run: Run, say: Say) -> tuple[xr.DataTree, RunSummary]:
-    """Identify the campaign of a run, after measuring the virtual rig if the run requests it."""
+    """Identify a run's campaign; if the run asks for the virtual rig, first measure on it."""
     path, request, truth = run.campaign, run.manifest, None
     if request.preset is not None:
         if not path.exists():
@@ -67,7 +67,7 @@ def identified(run: Run, say: Say) -> tuple[xr.DataTree, RunSummary]:
         truth = {**rig_truth["joint"], "gain": rig_truth["gain"]}
     say(f"Reading {path}")
     loaded, doubts = load_with_doubts(path, allow_outside=request.allow_outside)
-    # Doubts are printed at once, because the report shows them only minutes later.
+    # Doubts are printed at once, because the report follows only minutes later.
     for doubt in doubts:
         warnings.warn_explicit(doubt.message, doubt.category, doubt.filename, doubt.lineno)
     if request.final:
@@ -88,5 +88,5 @@ def identified(run: Run, say: Say) -> tuple[xr.DataTree, RunSummary]:
 
 
 def digest_of(text: str) -> str:
-    """Return the SHA-256 of a campaign file's text, which shows whether a finished run used it."""
+    """Return the SHA-256 hash of a campaign file's text, by which runs of it are recognised."""
     return hashlib.sha256(text.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""The storage of predictions under other loads in a folder: numbers, CSV files and figures."""
+"""Storage of predictions under other loads in a folder: numbers, CSV files and figures."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -23,7 +23,7 @@ def save_loads(
     rows: Sequence[LoadNumber],
     posterior: str | None = None,
 ) -> None:
-    """Write loads.nc, loads.json, CSV files and figures of predictions; if one fails, write none.
+    """Write loads.nc, loads.json, CSV files and figures of predictions; write nothing if one fails.
 
     Args:
         folder: The output folder.

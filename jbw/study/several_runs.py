@@ -1,4 +1,4 @@
-r"""Frequency and damping against amplitude of several finished runs, and their trend with torque.
+r"""Frequency and damping against amplitude in several finished runs, and their trend with torque.
 
 The draws q of every run, at an amplitude that all runs fitted, are taken as independent. Over the
 logarithm x of the torques each set of draws has the slope of least squares,
@@ -33,16 +33,16 @@ from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 NUM_DRAWS = 200  # number of draws of each run
 # amplitudes of comparison, relative to the largest displacement that all runs fitted
 GRID = np.linspace(0.05, 1.0, 20)
-# indices into GRID of the amplitudes that are reported: 10 % and 100 % of the largest
+# indices into GRID of the reported amplitudes: 10 % and 100 % of the largest
 TOLD = (1, 19)
 QUANTITIES = (("frequency", "Hz", 1.0), ("damping ratio", "%", 100.0))
-# The variation around a trend is reported if its probability by chance is smaller than this.
+# The variation around a trend is reported if its p-value is smaller than this.
 BY_CHANCE = 0.01
 NUISANCE = {"gain"}  # parameters of the source, which do not affect frequency and damping
 
 
 def side_by_side(folders: Sequence[Path]) -> tuple[RunsSideBySide, xr.Dataset]:
-    """Compare frequency and damping against amplitude of several finished runs, of any laws.
+    """Compare frequency and damping against amplitude in several finished runs, of any laws.
 
     The second value contains their 99 % bands of frequency [Hz] and damping ratio, by run, quantile
     and amplitude. Runs are ordered by the torques of their campaigns where all state one, otherwise
@@ -98,7 +98,7 @@ def _require_backbone(folder: Path, basis: Basis) -> None:
 
 
 def _names(folders: Sequence[Path]) -> list[str]:
-    """Return the names of the runs' folders, or their paths if two folders have the same name."""
+    """Return the names of the runs' folders, or their paths if two names are equal."""
     short = [folder.resolve().name for folder in folders]
     return short if len({*short}) == len(short) else [str(folder) for folder in folders]
 
@@ -136,7 +136,7 @@ def _trends(
     draws: Sequence[Float[np.ndarray, "what draw place"]],
     amplitude: Float[np.ndarray, " place"],
 ) -> list[TorqueTrend]:
-    """Return the changes of frequency and damping per doubling of torque, over several runs.
+    """Return how frequency and damping change per doubling of torque, from several runs.
 
     The list is empty if torques are missing or do not differ.
     """
@@ -159,10 +159,9 @@ def _trends(
 def _trend(
     doublings: Float[np.ndarray, " run"], draws: Sequence[Float[np.ndarray, " draw"]]
 ) -> dict[str, Any]:
-    """Return the slope of a quantity over runs per doubling of torque, with its 99 % interval."""
+    """Return a quantity's change per doubling of torque over several runs, with a 99 % interval."""
     count = min(map(len, draws))
-    # Runs with the same seed have correlated draws; a random order of the draws removes this
-    # correlation.
+    # Runs with the same seed have correlated draws; the random order removes this correlation.
     rng = np.random.default_rng(0)
     values = np.array([rng.permutation(x)[:count] for x in draws])
     away = doublings - doublings.mean()
@@ -171,7 +170,7 @@ def _trend(
     left = mean - mean.mean() - away * middle
     degrees = len(draws) - 2
     p = float(stats.chi2.sf(np.sum((left / sd) ** 2), degrees)) if degrees else 1.0
-    # The interval then includes the variation of runs around the line.
+    # The interval then includes the variation of runs around the trend.
     if p < BY_CHANCE:
         deviation = np.sqrt(np.sum(left**2) / degrees / np.sum(away**2))
         reach = stats.t.ppf(QUANTILES[2], degrees) * deviation

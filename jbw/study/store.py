@@ -1,4 +1,4 @@
-"""Writing of results into a run's folder, each completely or not at all."""
+"""Writing of results into a run's folder; each file is written completely or not at all."""
 
 import json
 import os
@@ -41,7 +41,7 @@ class Job:
     asked: str
 
     def parts(self, inputs: Mapping[str, str], report: Callable[[str], Any]) -> Parts:
-        """Return the store of finished parts; remove parts from other inputs or another version.
+        """Return the store of partial results; remove those of other inputs or another version.
 
         Args:
             inputs: Digests of all input files, by file.
@@ -57,7 +57,7 @@ class Job:
 
     @property
     def num_kept(self) -> int:
-        """The number of stored parts of the computation."""
+        """The number of stored partial results of the computation."""
         return len(list((self.folder / JOB).glob(f"*{ENDING}")))
 
 
@@ -91,7 +91,7 @@ def claim(folder: Path, asked: str = "") -> Path:
 
 
 def _asked_in(folder: Path) -> str:
-    """Return the request of the unfinished job in a folder; empty if there is none."""
+    """Return the stored request of an unfinished computation in a folder, or an empty text."""
     try:
         return (folder / JOB / ASKED).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
@@ -100,7 +100,7 @@ def _asked_in(folder: Path) -> str:
 
 @contextmanager
 def claimed(folder: Path, /, **asked: Any) -> Iterator[Job]:
-    """Claim a folder for a long job, and store the job's finished parts there until it ends.
+    """Claim a folder for a long computation, whose partial results are kept there until it ends.
 
     If the job fails before a part is finished and before anything is written, its folder is
     removed.
@@ -180,7 +180,7 @@ def save_report(
 def save_predictions(
     folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Write predictions.nc, predictions.json and a figure per test; if one fails, write none."""
+    """Write predictions.nc, predictions.json and a figure per test; write nothing if one fails."""
     from jbw.report.prediction import prediction
 
     tree = xr.DataTree.from_dict(
@@ -232,8 +232,8 @@ def _save(folder: Path, outputs: Mapping[str, Write]) -> None:
 
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
-    """Yield a hidden folder for the files `names`; at the end move these files to their place."""
-    left = list(folder.glob(f"{PART}-*"))  # These folders were left by a process that was killed.
+    """Yield a hidden folder for the files `names`; at the end, move these files into `folder`."""
+    left = list(folder.glob(f"{PART}-*"))  # A killed process may have left these folders.
     with tempfile.TemporaryDirectory(dir=folder, prefix=f"{PART}-") as name:
         yield Path(name)
         for path in left:
@@ -244,7 +244,7 @@ def writing(folder: Path, *names: str) -> Iterator[Path]:
                 shutil.rmtree(target)
             elif part.is_file():
                 with part.open("rb+") as stream:
-                    # The content must reach the disk before the name.
+                    # The file's content must be on the disk before its final name.
                     os.fsync(stream.fileno())
             os.replace(part, target)
 

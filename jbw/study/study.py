@@ -1,4 +1,4 @@
-"""The result of an identification, as returned by `identify` or read from a run's folder."""
+"""The result of an identification, returned by `identify` or read from a run's folder."""
 
 import hashlib
 import json
@@ -79,7 +79,7 @@ class Study:
         return verdict + page_of(self.result, self.tree)
 
     def _known(self) -> str:
-        """Return a line of text with the campaign and its determined parameters."""
+        """Return one line of text with the campaign and its determined parameters."""
         listed = "; ".join(known_parameters(self.result)) or "no parameter is known"
         return shorten(f"Study of {self.result.campaign}: {listed}", LINE)
 
@@ -90,7 +90,7 @@ class Study:
 
     @property
     def posterior(self) -> xr.DataTree:
-        """The main posterior of the study, in ArviZ's groups."""
+        """The study's result tree; its groups of the main posterior have ArviZ's names."""
         return self.tree
 
     @property
@@ -140,8 +140,8 @@ class Study:
     def predictions(self) -> "DataFrame":
         """Return the error and coverage of the prediction of each test, as a data frame.
 
-        Columns: `kind`, `level`, `level_unit`, `fitted` (False: held out), `nrmse` (error over the
-        rms of the record), `nrmse_own_frequency` (the same with a separate natural frequency for
+        Columns: `kind`, `level`, `level_unit`, `fitted` (False: held out), `nrmse` (error / rms
+        of the record), `nrmse_own_frequency` (the same with a separate natural frequency for
         each free decay), `coverage` and `half_width` of the 99 % band, `nrmse_linear` and
         `nrmse_cubic` (the best oscillator without a joint), and `extrapolation`, as far as a test
         has them.
@@ -354,10 +354,11 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
     """
     summary, tree = read_result(Path(folder))
     if "posterior" in tree.children:
-        _basis(Path(folder), summary, tree)  # A run that cannot predict must fail now, not later.
+        # If a run cannot be used for predictions, this raises the error now.
+        _basis(Path(folder), summary, tree)
     where = summary.campaign_file
     if campaign is None and where is not None and Path(where).is_file():
-        # The run had the permission to read outside of its folder.
+        # The run was allowed to read files outside its folder.
         campaign = load_campaign(where, allow_outside=True)
     if campaign is not None:
         campaign = with_laws(campaign, json.loads(str(tree.attrs.get("laws", "null"))))
@@ -365,7 +366,7 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 
 
 def basis_of_run(folder: Path) -> Basis:
-    """Return the posterior draws and settings from which a finished run predicts."""
+    """Return the posterior draws and settings with which a finished run makes predictions."""
     return _basis(folder, *read_result(folder, *GROUPS_OF_BASIS))
 
 
@@ -378,7 +379,7 @@ def _basis(folder: Path, summary: RunSummary, tree: xr.DataTree) -> Basis:
 
 
 def campaign_of(folder: Path, stated: Path | None = None) -> Path:
-    """Return the path of a run's campaign file: the given path, or the one in the run."""
+    """Return the path of a run's campaign file: the given path, or the one stored in the run."""
     summary, _ = read_result(folder, "posterior")
     within = sorted(folder.glob("*/campaign.toml"))
     for campaign_path in filter(None, [stated, summary.campaign_file, *within]):
@@ -407,7 +408,7 @@ def known_of(folder: Path) -> tuple[RunSummary, Known]:
 
 
 def require_same_inputs(campaign: Campaign, summary: RunSummary) -> None:
-    """Raise an error if a campaign's records differ from those in a run's summary."""
+    """Raise an error if a campaign's records differ from those listed in a run's summary."""
     now, then = set(input_hashes(campaign).values()), set(summary.inputs.values())
     if then and now != then:
         raise ConfigError(
@@ -418,7 +419,7 @@ def require_same_inputs(campaign: Campaign, summary: RunSummary) -> None:
 
 
 def inputs_of(campaign: Campaign) -> dict[str, str]:
-    """Return the SHA-256 of every file and matrix that a campaign was read from."""
+    """Return the SHA-256 hash of every file and matrix from which a campaign was read."""
     read = {**input_hashes(campaign), str(campaign.path): hash_of(campaign.path)}
     if campaign.joints is None:
         return read
@@ -432,7 +433,7 @@ def inputs_of(campaign: Campaign) -> dict[str, str]:
 
 
 def input_hashes(campaign: Campaign) -> dict[str, str]:
-    """Return the SHA-256 of every record's source file, by its path."""
+    """Return the SHA-256 hash of every record's source file, by path."""
     records = [record for test in campaign.tests for record in test.records]
     sources = [r.provenance for r in records if "sha256" in r.provenance]
     return {source.get("path", ""): source["sha256"] for source in sources}

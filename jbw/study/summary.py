@@ -39,7 +39,7 @@ ERRORS = (
     "nrmse_cubic", "extrapolation",
 )  # fmt: skip
 
-# Steps in whose prior the densities that a campaign states are used.
+# Steps whose prior includes the densities that the campaign states.
 OF_ALL = ("joint", "decay")
 
 
@@ -95,14 +95,14 @@ def record_of(
 
 
 def _turning(tests: Iterable[Test]) -> dict[str, str]:
-    """Return the unit of motion, rad, if all tests are torsional; otherwise an empty mapping."""
+    """Return the unit rad as unit of motion if all tests are torsional; otherwise nothing."""
     units = {record.units.get(record.response, "") for test in tests for record in test.records}
     turns = units and all(unit.startswith("rad") for unit in units)
     return {"motion_unit": "rad"} if turns else {}
 
 
 def _assembly(campaign: Campaign) -> dict[str, Any]:
-    """Return the assembly, torque, tightening number and temperature that a campaign states."""
+    """Return the name, torque, tightening number and temperature that a campaign states."""
     stated = campaign.assembly
     of_tests = {test.assembly for test in campaign.tests if test.assembly}
     name = stated.name or (of_tests.pop() if len(of_tests) == 1 else "")
@@ -112,7 +112,7 @@ def _assembly(campaign: Campaign) -> dict[str, Any]:
 
 def steps_group(summary: RunSummary) -> xr.Dataset:
     """Return verdict, ESS and R-hat of each step for the diagram of steps; NaN without draws."""
-    # Durations are not stored, so that equal runs leave equal groups.
+    # Durations are not stored: equal runs must give equal groups.
     steps = summary.steps.values()
     ess = [min(step.known("ess_bulk"), default=np.nan) for step in steps]
     r_hat = [max(step.known("r_hat"), default=np.nan) for step in steps]
@@ -128,7 +128,7 @@ def steps_group(summary: RunSummary) -> xr.Dataset:
 
 
 def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
-    """Return the kind, level and fitted repeats of each test of a campaign."""
+    """Return kind, level and fitted repeats of each test of a campaign."""
     used, repeats = entered(seen), fitted_repeats(seen)
     return [
         {
@@ -153,7 +153,7 @@ def _unit_of_source(test: Test) -> str:
 
 
 def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
-    """Return the parameters of Step 2 (the linear regime) as plain values."""
+    """Return the parameters of the linear FRF fit (Step 2) as plain values."""
     std = np.sqrt(np.diag(step.pooled.covariance))
     units = units_of(step)
     parameters = {
@@ -178,7 +178,7 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
 
 
 def _modes(fit: ModalFit) -> list[dict[str, float]]:
-    """Return every mode of Step 2 with standard deviations, the mode of the joint first."""
+    """Return every mode of the FRF fit with standard deviations, the joint's own mode first."""
     columns = (*np.split(fit.theta, [len(fit.omega), 2 * len(fit.omega)]),)
     spreads = (*np.split(fit.std, [len(fit.omega), 2 * len(fit.omega)]),)
     return [
@@ -202,7 +202,7 @@ def _modes_sentence(fit: ModalFit) -> str:
 def widened_by_instruments(
     campaign: Campaign, sensors: Sensors | None, found: Identification, seed: int
 ) -> xr.Dataset | None:
-    """Return the main posterior with the stated instrument errors; None if none are stated."""
+    """Return the main posterior widened by stated instrument errors; None if none are stated."""
     if sensors is None or not campaign.instruments.is_stated:
         return None
     main = found.main
@@ -246,7 +246,7 @@ def step_record(
 
 
 def _parameter(row: dict[str, Any], unit: str, truth: float | None) -> StoredParameter:
-    """Return a parameter's row with its unit and its distance from the rig's true value [sd]."""
+    """Return a parameter's row with unit and distance from the rig's true value [sd]."""
     parameter = StoredParameter(**row, unit=unit, truth=truth, z=None)
     mean, sd = parameter.mean, parameter.sd
     if truth is None or mean is None or not sd:
@@ -262,7 +262,7 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
     predictions = {}
     for kind, name, test in verified(tree, "nrmse"):
         attrs = test.attrs
-        # Groups of tests of different kinds may have the same name.
+        # Groups of different kinds of test may have the same name.
         called = name if name not in predictions else f"{name} ({kind})"
         predictions[called] = {
             "kind": kind,
@@ -276,13 +276,13 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the error of each kind of test, predicted from the other kinds; empty for one kind."""
+    """Return the error of each kind of test, predicted from the other kinds; or nothing."""
     group = node(tree, "across_kinds")
     return {} if group is None else across_kinds_record(group.to_dataset())
 
 
 def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
-    """Return why the errors at other levels or for other kinds of test are unknown, if so."""
+    """Return why the errors at other levels or for other kinds of test are unknown, if they are."""
     missed = node(tree, "discrepancy")
     if missed is None or data is None:
         return {}

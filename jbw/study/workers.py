@@ -1,4 +1,4 @@
-"""Execution of functions by workers: processes of this machine, or any object with `submit`."""
+"""Execution of functions by workers: local processes, or any executor with a method `submit`."""
 
 import multiprocessing
 import os
@@ -11,14 +11,14 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing.connection import wait
 from typing import Any, Protocol
 
-POLL_S = 1.0  # seconds between two checks of jobs whose futures are not those of Python
+POLL_S = 1.0  # time between two checks of tasks whose futures are not those of Python [s]
 
 
 class Executor(Protocol):
     """Any object that runs functions elsewhere: an executor of Python, Dask or submitit."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Any:
-        """Run a function with some arguments on a worker, and return its future."""
+        """Run a function with some arguments on a worker; return its future."""
         ...
 
 
@@ -67,7 +67,7 @@ def in_processes[Task: Hashable](
 def _side_by_side[Task: Hashable](
     function: Callable[[Task], Any], waiting: deque[Task], workers: int
 ) -> Generator[tuple[Task, Any], None, list[tuple[Task, Any]]]:
-    """Run tasks in parallel, and yield each with its future; return those whose process died.
+    """Run tasks in parallel and yield each with its future; return tasks whose process died.
 
     Every process has a separate pool: its death breaks no other one and shows which task it had.
     """
@@ -96,7 +96,7 @@ def _side_by_side[Task: Hashable](
 def _begun[Task](
     pool: futures.ProcessPoolExecutor, function: Callable[[Task], Any], task: Task
 ) -> tuple[futures.Future[Any], futures.ProcessPoolExecutor]:
-    """Return a task's future and its process pool; make a new pool if the old process has ended."""
+    """Start a task; return its future and its process pool, made anew if the old one ended."""
     try:
         return pool.submit(function, task), pool
     except BrokenProcessPool:
@@ -106,7 +106,7 @@ def _begun[Task](
 
 
 def _pool() -> futures.ProcessPoolExecutor:
-    """Return a pool of one spawned process (JAX's threads do not survive a fork).
+    """Return a pool of one spawned process, because JAX's threads do not survive a fork.
 
     The process starts with its first task.
     """

@@ -1,1 +1,1 @@
-"""The monitoring of a joint: frequency and damping at fixed amplitudes, and tests for a change."""
+"""Monitoring of a joint: its frequency and damping at fixed amplitudes are tested for a change."""

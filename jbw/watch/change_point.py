@@ -31,13 +31,14 @@ FURTHEST = 2.0  # expected size of a change, in standard deviations of one recor
 
 
 class Belief(NamedTuple):
-    r"""The normal-inverse-Wishart distribution of the mean and covariance since a change."""
+    r"""The normal-inverse-Wishart distribution of the mean and covariance since the last change."""
 
     mean: Float[np.ndarray, "*batch p"]
-    # number of records that would give the same knowledge of the mean
+    # number of records that would determine the mean equally well
     kappa: Float[np.ndarray, "*runs"]
     nu: Float[np.ndarray, "*runs"]  # degrees of freedom nu
-    psi: Float[np.ndarray, "*batch p p"]  # scale matrix Psi, a sum of squared values
+    # scale matrix of the inverse-Wishart distribution, a sum of squared deviations
+    psi: Float[np.ndarray, "*batch p p"]
 
 
 class RunLength(NamedTuple):
@@ -46,14 +47,14 @@ class RunLength(NamedTuple):
     # Probability that r records were measured since the last change, r = 0..n. If the last change
     # may precede the first record, the last entry is the probability that no change occurred.
     probability: Float[np.ndarray, "*batch length"]
-    # log probability density of the values of all records [nats]
+    # log probability density of all records [nats]
     log_evidence: Float[np.ndarray, "*batch"]
     # Probability, after each record, that no change has occurred.
     unchanged: Float[np.ndarray, "*batch n"]
 
 
 def known_from(reference: ReferenceReadings) -> Belief:
-    r"""Return the distribution for an unchanged joint: a flat prior updated by reference records.
+    r"""Return the distribution for an unchanged joint: a flat prior updated by the references.
 
     Its predictive distribution is that of Hotelling: Student's t with $n_0 - p$ degrees of freedom.
     """
@@ -67,7 +68,7 @@ def known_from(reference: ReferenceReadings) -> Belief:
 
 
 def after_change(reference: ReferenceReadings) -> Belief:
-    """Return the prior for records after a change: around the reference, but wide.
+    """Return the prior after a change: it is centred at the reference values, but wide.
 
     Its mean has a standard deviation of `FURTHEST` times that of a reading.
     """
@@ -80,7 +81,7 @@ def run_length(
     hazard: float,
     start: Belief | None = None,
 ) -> RunLength:
-    """Return the posterior of the number of records since the last change, after all records.
+    """Return the posterior of the number of records since the last change.
 
     Args:
         readings: Readings in the order of measurement.
@@ -128,7 +129,7 @@ def log_predictive(
 
 
 def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
-    """Update the normal-inverse-Wishart distributions of all run lengths by one more record."""
+    """Update the distributions of mean and covariance, one per run length, by a new record."""
     kappa = belief.kappa
     away = x[..., None, :] - belief.mean
     mean = belief.mean + away / (kappa + 1)[..., None]
@@ -138,7 +139,6 @@ def updated(x: Float[np.ndarray, "*batch p"], belief: Belief) -> Belief:
 
 
 def _with_new_run(belief: Belief, prior: Belief) -> Belief:
-    """Put the distribution of a run that begins now in front of those of all other run lengths."""
     mean = np.broadcast_to(
         prior.mean[..., None, :], (*belief.mean.shape[:-2], 1, prior.mean.shape[-1])
     )

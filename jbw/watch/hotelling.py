@@ -25,7 +25,7 @@ Matrix = Float[np.ndarray, "p p"]
 
 
 class ReferenceReadings(NamedTuple):
-    """Number, mean and covariance (divided by `num` - 1) of reference values without change."""
+    """The number, mean and covariance (divided by `num` - 1) of reference values without change."""
 
     num: int
     mean: Float[np.ndarray, "*batch p"]
@@ -33,7 +33,7 @@ class ReferenceReadings(NamedTuple):
 
 
 def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceReadings:
-    """Return the number, mean and covariance of reference values without change.
+    """Return the number, mean and covariance of values measured before any change.
 
     Raises:
         ConfigError: There are no more readings than values per reading: the covariance is singular.
@@ -52,7 +52,7 @@ def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceRea
 
 
 def threshold(false_alarms: float, p: int, num: int) -> float:
-    r"""Return the $T^2$ that a record without change exceeds with probability `false_alarms`.
+    r"""Return the $T^2$ that an unchanged joint's record exceeds with probability `false_alarms`.
 
     Args:
         false_alarms: Rate of false alarms per reading.
@@ -81,12 +81,12 @@ def distance(
 
 
 def tail(squared: Float[np.ndarray, "*batch"], p: int, num: int) -> Float[np.ndarray, "*batch"]:
-    r"""Return the probability that a record without change has at least this $T^2$."""
+    r"""Return the probability that a record of an unchanged joint has at least this $T^2$."""
     return np.asarray(fisher.sf(np.asarray(squared) / _scale(p, num), p, num - p))
 
 
 def power(false_alarms: float, p: int, num: int, change: float) -> float:
-    r"""Return the probability that Hotelling's test detects a change from one record.
+    r"""Return the probability that Hotelling's test detects a given change from one record.
 
     With a change, $n_0 (n_0 - p) / (p (n_0 - 1)(n_0 + 1)) T^2$ is non-central F with $d^2 n_0 /
     (n_0 + 1)$.
@@ -102,7 +102,7 @@ def power(false_alarms: float, p: int, num: int, change: float) -> float:
 
 
 def excess_noise(covariance: Matrix, usual: Matrix) -> Matrix:
-    """Return the covariance by which the noise of a record exceeds the noise of the references."""
+    """Return the covariance by which a record's noise exceeds that of the reference records."""
     values, vectors = np.linalg.eigh(covariance - usual)
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 

@@ -32,17 +32,20 @@ from jbw.verification.backbone import curves_of_response
 from jbw.verification.predicted import carry
 from jbw.watch.statement import Trend
 
-# Other modes are searched while the amplitude falls from this multiple of the measured one to it.
+# Other modes are searched in the time in which the amplitude falls from this multiple to the
+# measured amplitude.
 WIDTH = np.sqrt(1.4)
 FEWEST = 64  # smallest number of samples in which other modes can be searched
-OTHER_MODES = 0.02  # largest allowed amplitude of other modes, relative to that of the mode
-SPARE = 1.05  # margin that a chosen amplitude keeps from the ends of the records' amplitudes
+# largest allowed amplitude of other modes, relative to that of the monitored mode
+OTHER_MODES = 0.02
+# A chosen amplitude must differ by this factor from the largest and the smallest measured one.
+SPARE = 1.05
 PER_AMPLITUDE = 2  # number of values per amplitude: frequency and logarithm of the damping ratio
-RAISED = 1.1  # factor by which the torque is raised to compute the slope with torque
+RAISED = 1.1  # factor by which the torque is raised to compute the trend with torque
 
 
 class RecordReading(NamedTuple):
-    """The frequency and damping of one record at amplitudes A1 < A2 < ...
+    """The frequency and damping of one free decay at amplitudes A1 < A2 < ...
 
     Attributes:
         values: f(A1) [Hz], ln zeta(A1); then for each other amplitude f(A) - f(A1), ln zeta(A).
@@ -56,7 +59,7 @@ class RecordReading(NamedTuple):
 
 
 def names_of(amplitudes: Sequence[float], unit: str) -> list[str]:
-    """Return the name of each value that is compared between records, with its unit."""
+    """Return the name of each frequency and damping value of a record, with amplitude and unit."""
     first, *rest = [f"{a:g} {unit}" for a in amplitudes]
     names = [f"f({first}) [Hz]", f"ln zeta({first})"]
     return names + [n for a in rest for n in (f"f({a}) - f({first}) [Hz]", f"ln zeta({a})")]
@@ -124,7 +127,7 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
 
 
 def _table(record: Record, test: Test) -> ModeReading:
-    """Measure frequency and damping along a record, with a test's response, band and settling."""
+    """Measure frequency and damping along a record, with a test's response and band."""
     response = test.records[0].response
     if response not in record.channels:
         raise DataError(
@@ -139,7 +142,7 @@ def _table(record: Record, test: Test) -> ModeReading:
 
 
 def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
-    """Return the compared values, from frequencies [Hz] and ln zeta, with their covariance."""
+    """Return f and ln zeta at A1, then f(A) - f(A1) and ln zeta(A), with their covariance."""
     size = len(read.hz)
     values = np.stack([read.hz, np.log(read.zeta)], axis=1).ravel()
     values[2::2] -= values[0]
@@ -151,7 +154,7 @@ def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndar
 
 
 def _other_modes(record: Record, test: Test, amplitude: float, hz: float, zeta: float) -> float:
-    """Return the largest spectral line outside the mode's band, relative to the largest within it.
+    """Return the largest spectral line outside the mode's band, relative to the largest inside it.
 
     The spectrum is that of the displacement, which makes the joint slip, over the time in which it
     falls by a sixth.
@@ -166,7 +169,7 @@ def _other_modes(record: Record, test: Test, amplitude: float, hz: float, zeta: 
     spectrum[1:] /= freq[1:] ** derivative_order(record.response)
     (low, high), half = chosen.band_hz, (chosen.band_hz[1] - chosen.band_hz[0]) / 2
     within = lines_within(freq, (low, high))
-    # A Hann window spreads a line over four lines, and a removed mean, too.
+    # A Hann window spreads a line, and also the error of a removed mean, over four lines.
     smear = 4 * record.fs / len(x)
     outside = ((freq < low - half) | (freq > high + half)) & (freq > smear)
     if not (within.any() and outside.any()):
@@ -182,7 +185,7 @@ def trend_of(
     *,
     report: Callable[[str], None] = print,
 ) -> Trend:
-    """Return the trend of frequency and damping with torque at given amplitudes, from a fleet.
+    """Return how a fleet's frequency and damping at given amplitudes depend on torque.
 
     Args:
         fleet: A fleet from `jbw.fleet_of` or `jbw.read_fleet`.

@@ -42,12 +42,12 @@ from jbw.observables.decay import Decays, counting
 from jbw.report.messages import watch
 from jbw.study.study import Study
 
-ENOUGH = 0.5  # If a smaller part of the particles counts, they are resampled and moved.
+ENOUGH = 0.5  # If the effective fraction of the particles is smaller, they are resampled and moved.
 NUM_MOVES = 5  # number of moves of each particle after resampling
-TARGET_ACCEPT = 0.3  # part of the moves that should be accepted
+TARGET_ACCEPT = 0.3  # fraction of proposed moves that should be accepted
 LogDensity = Callable[[Float[np.ndarray, "particle d"]], Float[np.ndarray, " particle"]]
 NUM_PARTICLES = 1000
-# largest sd of the difference between the recomputed log likelihood and the run's own [nats]
+# largest sd of the difference between the recomputed log likelihood and the stored one [nats]
 SAME = 0.5
 
 
@@ -70,8 +70,9 @@ class Update(NamedTuple):
 
     particles: Particles
     log_evidence: float  # log p(y_r | y_<r) [nats]
-    kish: float  # part of the particles that count with the weights of this record (Kish)
-    accepted: float | None  # part of the moves that were accepted; None if particles were not moved
+    # effective fraction of the particles by Kish's formula, with the weights of this record
+    kish: float
+    accepted: float | None  # fraction of accepted moves; None if particles were not moved
 
 
 def particles_of(x: Float[np.ndarray, "particle d"], log_density: LogDensity) -> Particles:
@@ -112,7 +113,7 @@ def moved(
     shape: Float[np.ndarray, "d d"],
     log_density: LogDensity,
 ) -> tuple[Particles, float]:
-    """Move particles by a Metropolis random walk; return them with the part of accepted moves."""
+    """Move particles by a Metropolis random walk; return them and the accepted fraction."""
     x, density = particles.x, particles.log_density
     root, shares = np.linalg.cholesky(shape), []
     scale = 2.38 / np.sqrt(x.shape[1])
@@ -208,7 +209,7 @@ def updated(
 
 
 def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
-    """Return the data of a run's fitted decays, with their weights, and their test."""
+    """Return a run's data, restricted to its fitted decays, then the decays, and their test."""
     require_one_joint(campaign.joints, watch.CARRIED)
     gain = force_per_unit(campaign)
     tests, _, line_fit = usable(campaign.tests, campaign.settings, gain)
@@ -226,7 +227,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
             remedy="Identify the joint again with the new records in its campaign.",
         )
     test, facts = seen.decays.fitted, json.loads(str(study.tree.attrs.get("decay", "{}")))
-    # The run may have chosen a finer time step; as many values count as it found independent.
+    # The run may have used a finer time step, and its likelihood counts only independent samples.
     substeps = int(facts.get("substeps", 0)) or campaign.settings.substeps
     part = Decays.of(test, laws=data.laws, substeps=substeps)
     part = counting(part, float(facts.get("worth", 1.0)))
@@ -234,7 +235,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
 
 
 def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays:
-    """Return the decays of a run extended by new records of the same test."""
+    """Return a run's fitted decays extended by new records of the same test."""
     response, fs = test.records[0].response, test.records[0].fs
     for record in records:
         if response not in record.channels or not share_clock(record.fs, fs):
@@ -257,7 +258,7 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
 def _density_of(
     data: Dataset, names: Sequence[str], bounds: Float[np.ndarray, "parameter two"]
 ) -> LogDensity:
-    """Return a run's log posterior density as a function of points in its parameters."""
+    """Return a function that computes a run's log posterior density at given parameter values."""
 
     def log_posterior(x: Float[np.ndarray, "particle d"]) -> Float[np.ndarray, " particle"]:
         inside = np.all((x >= bounds[:, 0]) & (x <= bounds[:, 1]), axis=1)
@@ -269,7 +270,7 @@ def _density_of(
 
 
 def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
-    """Raise an error if the recomputed likelihood differs from that from which the run drew."""
+    """Raise an error if the recomputed log likelihood differs from the run's stored one."""
     sd = float(np.std(strays))
     if not sd < SAME:
         raise DataError(
@@ -287,7 +288,7 @@ def _tree(
     updates: Sequence[Update],
     records: Sequence[Record],
 ) -> xr.DataTree:
-    """Return an updated posterior as a tree: the draws as one chain, and each record's evidence."""
+    """Return a data tree with the updated draws as one chain, and the evidence of each record."""
     posterior = xr.Dataset(
         {n: (("chain", "draw"), x[None], sampled[n].attrs) for n, x in draws.items()}
     )

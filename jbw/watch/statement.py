@@ -1,4 +1,4 @@
-r"""The statement on a record: its distance from the reference, and any change of the joint.
+r"""The statement on a monitored record: its distance from the reference, and a change of the joint.
 
 Where a population of joints provides a trend with torque, a change of readings is also stated as a
 change of torque. Readings y of joints at other torques T change by $g = dy/d\ln T$, with one g per
@@ -31,10 +31,11 @@ from jbw.watch.hotelling import (
     threshold,
 )
 
-# values of x at which densities are computed, up to four standard deviations of its prior
+# values of x = ln(T'/T) at which densities are computed, up to four prior standard deviations
 PLACES = np.linspace(-4.0, 4.0, 8001)
 QUANTILES = (0.005, 0.5, 0.995)
-# If the residual at the best torque is less probable than this, no torque explains the change.
+# If the change that the best torque leaves unexplained is less probable than this, no torque
+# explains it.
 UNEXPLAINED = 0.01
 LEVEL = 0.99  # probability of intervals
 
@@ -67,25 +68,25 @@ class TorqueChange(NamedTuple):
 
 
 class Change(NamedTuple):
-    """The change of frequency and damping since the reference, from the records after it."""
+    """The change of frequency and damping since the reference, estimated from the later records."""
 
-    first: int  # number of the first record after the change, counted from 1 without the references
+    first: int  # number of the first changed record, counted from 1 after the references
     frequency: tuple[float, float, float]  # change of the frequency [Hz], with its 99 % interval
     # relative change of the damping ratio, with its 99 % interval
     damping: tuple[float, float, float]
     direction: str
-    # the change of torque that would explain both, from a population
+    # the change of torque that would explain both changes, if a population is given
     torque: TorqueChange | None = None
 
 
 class Statement(NamedTuple):
-    """The statement on the last record: T^2, probabilities, alarm and change."""
+    """The statement on the latest record: T^2, probabilities, alarm and estimated change."""
 
     squared: float  # Hotelling's T^2 of the record
     threshold: float  # value of T^2 above which there is an alarm
-    tail: float  # probability of so large a T^2 without a change
+    tail: float  # probability that an unchanged joint has at least this T^2
     unchanged: float  # probability that no change occurred since the reference
-    alarm: str  # empty, "reading" (this record), "drift" (the sequence), or "reading and drift"
+    alarm: str  # "reading" (this record), "drift" (the sequence), "reading and drift", or empty
     change: Change | None  # estimated change, if there is an alarm
 
 
@@ -98,7 +99,7 @@ def state(
     reference_noise: Float[np.ndarray, "p p"] | None = None,
     trend: Trend | None = None,
 ) -> Statement:
-    """Return the statement on the last record, by itself and together with the records before it.
+    """Test the latest record, alone and together with earlier ones, for a change of the joint.
 
     Without a change, a single reading alarms at the rate r, `false_alarms`. The sequence alarms
     among n readings with a probability of r / (1 - r)^(n + 1) at most, as the hazard is r, too.
@@ -131,7 +132,7 @@ def state(
     ]
     change = None
     if alarms:
-        # These are numbers of records since a change after the reference; the last entry means no
+        # The probabilities are those of 0, 1, ... records since a change; the last one means no
         # change. The most probable number dates a drift.
         length = int(np.argmax(run.probability[1:-1])) + 1
         behind = watched[-length:]
@@ -145,7 +146,7 @@ def state(
 
 
 def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], first: int) -> Change:
-    """Return the change of frequency and damping since the reference, with Student's intervals."""
+    """Estimate the change of frequency and damping since the reference, with intervals."""
     away = behind.mean(axis=0) - reference.mean
     sd = np.sqrt(np.diag(reference.covariance) * (1 / len(behind) + 1 / reference.num))
     reach = student.ppf((1 + LEVEL) / 2, reference.num - 1) * sd
@@ -156,7 +157,7 @@ def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], fi
 
 
 def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> str:
-    """Return in which direction a joint has changed, such as looser, from 99 % intervals.
+    """Return a change's direction, such as "looser", from intervals of frequency and damping.
 
     Loosening lowers the frequency and raises the damping.
     """
@@ -187,7 +188,7 @@ def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> 
 
 
 def as_plain(statement: Statement) -> dict[str, Any]:
-    """Return the statement on a record as plain values for the log."""
+    """Convert the statement on a record to plain values for the log."""
     plain, change = statement._asdict(), statement.change
     if change is None:
         return plain
@@ -198,7 +199,7 @@ def as_plain(statement: Statement) -> dict[str, Any]:
 def torque_after(
     away: Float[np.ndarray, " p"], reference: ReferenceReadings, num: int, trend: Trend
 ) -> TorqueChange:
-    """Return the torque that explains the values after a change, with its 99 % interval.
+    """Return the torque that explains a change of frequency and damping, with its 99 % interval.
 
     Args:
         away: Mean of the readings minus that of the references.
@@ -214,7 +215,7 @@ def torque_after(
     density = np.mean((1 + residual_square / freedom) ** (-(freedom + 1) / 2), axis=0)
     mass = np.cumsum(density * np.exp(-(PLACES**2) / 2))
     low, middle, high = trend.torque * np.exp(np.interp(QUANTILES, mass / mass[-1], PLACES))
-    # `tail` is for one new record, whose covariance is (1 + 1/n_0) S.
+    # `tail` expects T^2 of one new record, whose covariance is (1 + 1/n_0) S.
     rest = tail(residual_square.min() * (1 + 1 / reference.num), len(away), reference.num)
     return TorqueChange(
         trend.torque, float(middle), float(low), float(high),
@@ -223,7 +224,7 @@ def torque_after(
 
 
 def words_of(change: TorqueChange) -> str:
-    """Return the clause on an equivalent change of torque, for the end of a sentence."""
+    """Return the clause, for the end of a sentence, on the torque that explains a change."""
     after = change.after, change.low, change.high
     return watch.torque_change(
         change.before, after, within_fleet=change.inside, is_explained=change.explained

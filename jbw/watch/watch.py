@@ -1,4 +1,4 @@
-"""The monitoring of a joint: records are read one after the other, with a statement on each.
+"""The monitoring of a joint: records are read one after another and each is tested for a change.
 
 The log is `watch.jsonl`, with one line per record, appended completely; a line cut by a crash is
 set aside.
@@ -31,19 +31,19 @@ from jbw.watch.statement import Trend, as_plain, sentence, state
 
 FORMAT = 1
 FALSE_ALARMS = 1e-3  # default rate of false alarms
-SPARE = 2  # smallest number of references minus the number of compared values
-FEW = 20  # With fewer references, one amplitude is better than two.
+SPARE = 2  # The number of references must exceed the number of values per record by at least this.
+FEW = 20  # With fewer references than this, one amplitude is better than two.
 Say = Callable[[str], None]
-# A function from the torque before any change [N m] (if stated), the amplitudes and the test to the
-# trend of frequency and damping.
+# A function that returns the trend of frequency and damping from the torque before any change [N m]
+# (or None), the amplitudes and the test.
 TrendAt = Callable[[float | None, Sequence[float], Test], Trend]
 LOG_NAME = "watch.jsonl"
-TORN = "watch.torn"  # name of the file, next to the log, for lines that a crash cut
+TORN = "watch.torn"  # name of the file next to the log that receives lines cut off by a crash
 
 
 @dataclass(frozen=True)
 class Wishes:
-    """The requested settings of a watch; None stands for the present setting, or the default."""
+    """The requested settings for monitoring; None stands for the present setting or the default."""
 
     amplitudes: tuple[float, ...] | None = None  # peak amplitudes in the unit of the response
     false_alarms: float | None = None  # rate of false alarms per record
@@ -99,7 +99,7 @@ def watch(
         keeper = _Keeper(path, settings, campaign_test, say, lines, trend)
         identities = {line.id for line in lines}
         for identity, record in _identified(campaign_test.records):
-            # On the first call, or after a crash in it, these are all records.
+            # On the first call, or after a crash during that call, all records are new.
             if identity not in identities:
                 keeper.take(identity, record)
         added: list[WatchLine] = []
@@ -109,7 +109,7 @@ def watch(
 
 
 class _Keeper:
-    """The log of a watch, to which a call appends one record after the other."""
+    """The log of a monitored joint, to which records are appended one after another."""
 
     def __init__(
         self, path: Path, settings: WatchSettings, test: Test, say: Say, lines: list[WatchLine],
@@ -124,7 +124,7 @@ class _Keeper:
         return [line for line in self.lines if line.entry == "reading"]
 
     def take(self, identity: str, record: Record) -> WatchLine:
-        """Read a record and append its statement to the log, or the reason why it is refused."""
+        """Read a record; append to the log its statement, or the reason why it is rejected."""
         try:
             measured = reading(record, self.test, self.settings.amplitudes)
         except DataError as error:
@@ -141,7 +141,7 @@ class _Keeper:
         return self._append(line)
 
     def refuse(self, identity: str, name: str, error: JbwError) -> WatchLine:
-        """Append to the log that a record cannot be read or compared, and report why."""
+        """Append to the log why a record is rejected, and print a warning."""
         reason = " ".join(str(error).split())
         self.say(f"warning: refused: {reason}")
         return self._append(
@@ -170,7 +170,7 @@ class _Keeper:
 def _of_file(
     file: Path, table: TestSpec, spec: CampaignSpec, place: Path, keeper: _Keeper
 ) -> list[WatchLine]:
-    """Read the records of a file, and return their log entries."""
+    """Read the records of a file and log each; return the log entries."""
     file_spec = table.model_copy(update={"files": (str(file.absolute()),), "exclude": ()})
     try:
         test = load_test(file_spec, place, per_unit=force_per_unit(spec), allow_outside=True)
@@ -200,7 +200,7 @@ def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
 
 
 def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
-    """Return the watched test of free decays: the one with the given name, or the only one."""
+    """Return the campaign's test of free decays: the one with the given name, or the only one."""
     decays = {test.name: test for test in spec.tests if KINDS[test.kind].is_free}
     if name is not None and name not in decays:
         raise ConfigError(
@@ -229,7 +229,7 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
 
 
 def _begun(test: Test, name: str, wishes: Wishes) -> WatchSettings:
-    """Return the settings of a new watch, with unstated ones chosen from the campaign's records."""
+    """Return the settings of a new log; unstated ones are chosen from the campaign's records."""
     false_alarms = FALSE_ALARMS if wishes.false_alarms is None else wishes.false_alarms
     if not 0 < false_alarms < 0.5:
         raise ConfigError(
@@ -275,7 +275,7 @@ def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
 
 
 def _require_same(settings: WatchSettings, wishes: Wishes) -> None:
-    """Raise an error if requested settings differ from those with which the watch began."""
+    """Raise an error if requested settings differ from those with which the log began."""
     began = {
         "--amplitude": (wishes.amplitudes, tuple(settings.amplitudes)),
         "--false-alarms": (wishes.false_alarms, settings.false_alarms),
@@ -297,7 +297,7 @@ def _now() -> str:
 
 @contextmanager
 def locked_log(folder: Path) -> Iterator[Path]:
-    """Lock the log of a run's folder for this process alone, and yield its path."""
+    """Lock the log in a run's folder, so that no other process writes to it, and yield its path."""
     path = folder / LOG_NAME
     try:
         held = lock(folder / f".{LOG_NAME}.lock", folder)
@@ -310,7 +310,7 @@ def locked_log(folder: Path) -> Iterator[Path]:
 
 
 def read_log(path: Path) -> list[dict[str, Any]]:
-    """Return every entry of a watch's log, oldest first; an empty list if there is no log.
+    """Return all entries of a monitoring log, oldest first; an empty list if there is no log.
 
     Raises:
         RunError: A line is no valid entry (`set_aside` removes an incomplete last line before).
@@ -336,7 +336,7 @@ def read_log(path: Path) -> list[dict[str, Any]]:
 
 
 def set_aside(path: Path) -> str | None:
-    """Move an incomplete last line of a watch's log to `watch.torn`; return a warning, or None."""
+    """Move an incomplete last line of a log to `watch.torn`; return a warning, or None."""
     content = path.read_bytes() if path.exists() else b""
     complete, mark, torn = content.rpartition(b"\n")
     if not torn:
@@ -345,7 +345,7 @@ def set_aside(path: Path) -> str | None:
     try:
         _append_bytes(
             torn_path, torn + b"\n"
-        )  # The line is saved before it is cut: after a crash in between it exists twice.
+        )  # The line is saved before it is removed: after a crash in between it exists twice.
         with path.open("rb+") as stream:
             stream.truncate(len(complete) + len(mark))
             os.fsync(stream.fileno())
@@ -355,7 +355,7 @@ def set_aside(path: Path) -> str | None:
 
 
 def append(path: Path, entry: Mapping[str, Any]) -> None:
-    """Append an entry to a watch's log by one write, which reaches the disk before this returns."""
+    """Append an entry to a log by one write, which is on the disk when this function returns."""
     line = json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n"
     try:
         _append_bytes(path, line.encode())
@@ -367,7 +367,7 @@ def _append_bytes(path: Path, content: bytes) -> None:
     handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
     try:
         written = os.write(handle, content)
-        # The disk is full; the next call sets the incomplete line aside.
+        # The disk is full; the next call moves the incomplete line away.
         if written < len(content):
             raise OSError(f"only {written} of {len(content)} bytes were written")
         os.fsync(handle)

@@ -29,7 +29,7 @@ def test_struct_array_of_curves_is_a_test_each(tmp_path):
     tables = tomllib.loads(draft.text)["test"]
     assert [table["kind"] for table in tables] == ["frf"] * 3
     assert tables[2]["channels"]["acceleration"] == "FR.Control[2].amplitude"
-    assert "FR.Control[0].amplitude, acceleration, is a guess" in " ".join(draft.assumed)
+    assert "channel `FR.Control[0].amplitude` is a guess: acceleration" in " ".join(draft.assumed)
     assert "CHECK: acceleration is a guess" in draft.text
     with pytest.warns(UserWarning, match="passive"):  # the guess is checked like everything else
         tests = load_campaign(write_campaign(draft, tmp_path)).tests

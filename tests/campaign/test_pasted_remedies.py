@@ -930,3 +930,39 @@ def test_a_phase_in_degrees_keeps_the_units_of_other_channels(tmp_path):
     path.write_text(with_line(path.read_text(), line))
     assert faults(path) == []
     assert load_campaign(path).tests[0].records[0].units["displacement"] == "m"
+
+
+@pytest.mark.parametrize("at", [0.2, 0.45, 0.8])
+def test_a_multisine_is_cut_to_whole_periods_beside_a_gap(tmp_path, at):
+    """Ten periods of a linear mode under a multisine, with zeros for a while."""
+    rng, size, periods = np.random.default_rng(3), 512, 10
+    force = np.fft.irfft(np.exp(2j * np.pi * rng.random(size // 2 + 1)), size)
+    hz = np.fft.rfftfreq(size, 1 / 512.0)
+    x = np.fft.irfft(np.fft.rfft(force) / (40.0**2 - hz**2 + 1.6j * hz), size)
+    x = np.tile(x, periods) + 1e-4 * np.std(x) * rng.standard_normal(size * periods)
+    x[round(at * len(x)) :][:30] = 0.0
+    np.savez(tmp_path / "steady.npz", u=np.tile(force, periods), x=x)
+    path = tmp_path / "campaign.toml"
+    path.write_text(
+        f'[[test]]\nkind = "multisine"\nfiles = "steady.npz"\nfs = 512.0\nperiods = {periods}\n'
+        'channels = { force = "u", acceleration = "x" }\n'
+        'units = { force = "N", acceleration = "m/s^2" }\n'
+    )
+    (gap,) = [fault for fault in faults(path) if "constant" in fault.what]
+    span, count = re.findall(r"`(span = .*?)` and `(periods = \d+)`", gap.remedy)[0]
+    text = path.read_text().replace(f"periods = {periods}\n", f"{count}\n{span}\n")
+    path.write_text(text)
+    assert [fault for fault in faults(path) if fault.severity == "error"] == []
+
+
+def test_a_sweep_that_would_begin_in_motion_is_left_out(tmp_path):
+    """Zeros shortly before the resonance: the part behind them holds most of the motion."""
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    stored = dict(np.load(tmp_path / "sweep.npz"))
+    top = int(np.argmax(np.abs(stored["x"])))
+    stored["x"][top - 60 : top - 30] = 0.0
+    np.savez(tmp_path / "sweep.npz", **stored)
+    gaps = [fault for fault in faults(path) if "constant" in fault.what]
+    assert gaps
+    assert not any("span" in fault.remedy for fault in gaps)

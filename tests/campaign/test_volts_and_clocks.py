@@ -192,7 +192,7 @@ def test_names_that_do_not_fit_the_columns_are_said(tmp_path):
     table(tmp_path, (T, DECAY), "time,a_x,a_y,a_z")
     draft, tests = drafted(tmp_path)
     assert tests == []
-    assert "# CHECK: its header names 4 columns (time, a_x, a_y, a_z)" in draft.text
+    assert "# CHECK: the header of the file names 4 columns (time, a_x, a_y, a_z)" in draft.text
 
 
 @pytest.mark.parametrize("corner", [1.0, 3.0])

@@ -6,8 +6,10 @@ import pytest
 from jbw.campaign.check import findings
 from jbw.campaign.tables import TestSpec
 from jbw.measurement.faults import window
+from jbw.measurement.faults.hypothesis import Facts
 from jbw.measurement.faults.window import window_constant
 from jbw.measurement.files.assemble import unwindowed
+from jbw.measurement.readings.read import decay_fits
 from jbw.measurement.records import Record
 
 FS, HZ, RATE = 600.0, 30.0, 1.1
@@ -197,11 +199,11 @@ def test_skirts_of_a_strong_line_are_no_noise():
 
 @pytest.mark.parametrize("unit", [1e-4, 1.0, 300.0])
 def test_noise_is_compared_with_the_converter_step_in_the_unit_of_the_record(monkeypatch, unit):
-    step = unit / 128
-    steps = []
+    x, steps = unit / 128 * np.round(128 * noisy(free())), []
     monkeypatch.setattr(window, "window_constant", lambda *given: steps.append(given[-1]))
-    found(step * np.round(128 * noisy(free())))
-    assert steps == pytest.approx([1e-2 * step], rel=1e-9)
+    record = Record(FS, {"velocity": x}, {"velocity": "m/s"})
+    list(window.Window().seen(decay_fits(record, BAND, 0.0), Facts(record, 0.0, 0.0, BAND)))
+    assert steps == pytest.approx([unit / 128], rel=1e-9)
 
 
 def test_a_beat_of_two_modes_is_neither_blow_nor_drive():
@@ -225,3 +227,14 @@ def test_the_slower_of_two_modes_in_a_band_is_no_hum(settle):
         (what,) = named(found(noisy(x, noise=2e-4), 384.0, (12.0, 75.0), settle))
         hz = sorted(float(word) for word in what.split("at ")[1].split(" Hz")[0].split(" and "))
         assert hz == pytest.approx([20.3, 53.7], abs=0.2)
+
+
+@pytest.mark.parametrize("size", [0.3, 1.0])
+def test_what_no_fault_explains_is_said(size):
+    """Four modes in one band, of which no hypothesis has more than two."""
+    t = np.arange(923) / 400.0
+    x = np.exp(-1.4 * t) * np.cos(2 * np.pi * 12.0 * t)
+    for hz, phase in ((10.6, 1.0), (13.1, 2.0), (14.2, 3.0)):
+        x += size * np.exp(-1.3 * t) * np.cos(2 * np.pi * hz * t + phase)
+    (what,) = named(found(noisy(x, noise=5e-3), 400.0, (8.0, 18.0)))
+    assert what.endswith("of the response, and no known fault explains it.")

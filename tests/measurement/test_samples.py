@@ -67,3 +67,13 @@ def test_single_steps_of_a_converter_at_rest_are_no_drop_outs(seed):
     second = 0.5 * np.exp(-10 * k / len(k)) * np.cos(2 * np.pi * k * 2.35 / 36)
     noise = 0.28 * np.random.default_rng(seed).standard_normal(len(k))
     assert drop_outs(np.round(400 * (first + second) + noise)) == []
+
+
+def test_held_values_are_accounted_for_by_the_delay_that_is_proposed():
+    x, each = ringing(np.random.default_rng(0)), 3
+    channels = {"force": x, "velocity": np.repeat(x[::each], each)[:SIZE]}
+    record = Record(FS, channels, {"force": "N", "velocity": "m/s"})
+    (fault,) = inspect(record)
+    assert f"`delay = {1 / FS:.4g}`" in fault.remedy  # the mean of 0, 1 and 2 samples
+    assert inspect(record, delay_s=1 / FS) == ()
+    assert inspect(record, delay_s=-4 / FS) != ()

@@ -54,7 +54,7 @@ EXAMPLES = {
         draft.guessed_role("force", "u"),
         draft.check_roles(["force"]),
         draft.not_used("a, b"),
-        draft.doubtful("its header names 4 columns."),
+        draft.doubtful("the header of the file names 4 columns."),
         draft.one_of_axes("acceleration", "a_x, a_y, a_z"),
         draft.check_axes("acceleration", "a_x, a_y, a_z"),
         draft.assumed_time_unit("time", "ms"),

@@ -1,4 +1,4 @@
-"""The list of programs to which a joint can be exported; one module and line for each."""
+"""The programs to which a joint can be exported; each has one module and one entry here."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ PROGRAMS: dict[str, Program] = {
         code_aster.CODE_ASTER,
     )
 }
-USUAL = ("opensees", "matlab")  # default programs, if they can represent the laws
+USUAL = ("opensees", "matlab")  # default programs, used if they can represent the laws
 USUAL_OF_JOINTS = ("opensees",)  # default programs for several joints
 
 

@@ -31,12 +31,12 @@ def _code(folder: Path, result: Export) -> Paths:
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the properties of the user element, to be included in an input file."""
+    """Write the properties of the user element, for inclusion in an Abaqus input file."""
     return (write_text(folder / "joint.inp", "abaqus/joint.inp", result, **_facts(result)),)
 
 
 def _joints_code(folder: Path, result: JointsExport) -> Paths:
-    """Write the source code of the user element, which is the same for all joints."""
+    """Write the source code of the user element; it is the same for all joints."""
     joint = replace(result.cards[0].joint, about=result.about)
     facts = _facts(joint)
     return (write_text(folder / "joint_uel.c", "abaqus/joint_uel.c", joint, **facts),)
@@ -58,7 +58,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _require_one_element(result: JointsExport) -> None:
-    """Raise an error if joints have different laws: Abaqus accepts one user subroutine per job."""
+    """Raise an error if joints have different laws: Abaqus takes one user subroutine per run."""
     require_nodes(result)
     first = result.cards[0]
     for card in result.cards:

@@ -1,4 +1,4 @@
-"""Ansys: COMBIN39 with the joint's force as a table, and a dashpot with the joint's loss."""
+"""Ansys: COMBIN39 with a table of the joint's force, and a dashpot with the joint's energy loss."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ def _card(folder: Path, result: Export) -> Paths:
     """Write the element types and real constants of the joint."""
     table = result.skeleton
     pairs = zip(table["displacement_m"], table["tip_force_n"], strict=True)
-    # The table begins at the origin; Ansys mirrors points of positive displacement.
+    # The table begins at the origin; Ansys mirrors the points with positive displacement.
     points = ["0.0", "0.0", *(number(x) for pair in pairs for x in pair)]
     return (write_text(folder / "joint.mac", "ansys/joint.mac", result, points=points),)
 

@@ -44,7 +44,7 @@ BASE = {"kg": {"kg": 1}, "m": {"m": 1}, "s": {"s": 1}, "rad": {}, "1": {},
 
 
 class Variable(NamedTuple):
-    """A variable of the FMU; value references are numbered in this order from 1."""
+    """A variable of the FMU; value references count the variables in this order from 1."""
 
     name: str
     value: float
@@ -55,7 +55,7 @@ class Variable(NamedTuple):
 
 
 def _code(version: int, folder: Path, result: Export) -> Paths:
-    """Write the FMU; without a compiler it contains source code, which importers can compile."""
+    """Write the FMU; without a compiler it contains only C code, which importers can compile."""
     parameters = parameters_of(result)
     forms, variables = forms_of("c/laws", result), tuple(_variables(parameters, result))
     token = str(uuid.uuid5(uuid.NAMESPACE_OID, repr((version, result.about, parameters))))
@@ -79,7 +79,7 @@ def _code(version: int, folder: Path, result: Export) -> Paths:
 
 
 def _card(folder: Path, result: Export) -> Paths:
-    """Write the parameters as an SSP parameter set, which importers use for the FMU's values."""
+    """Write the parameters as an SSP parameter set, from which importers set the FMU's values."""
     parameters = parameters_of(result)
     more = {"description": DESCRIPTION, "units": units_of(parameters)}
     return (write_text(folder / "joint.ssv", "fmu/joint.ssv", result, **more),)
@@ -109,7 +109,7 @@ def _each_joint(
 
 
 def _any(result: JointsExport) -> None:
-    """Accept any joint: an FMU needs no nodes and no information on other joints."""
+    """Accept all joints: FMUs contain no nodes, and each is independent of the other joints."""
 
 
 def _variables(parameters: Iterable[Parameter], result: Export) -> Iterable[Variable]:
@@ -125,13 +125,13 @@ def _variables(parameters: Iterable[Parameter], result: Export) -> Iterable[Vari
 
 # -- units -----------------------------------------------------------------------------------------
 def units_of(variables: Iterable[Variable | Parameter]) -> list[Mapping[str, Any]]:
-    """Return the units of variables and of time, as powers of kilogram, metre and second."""
+    """Return the units of the variables, each with its powers of kilogram, metre and second."""
     names = dict.fromkeys(("s", *(variable.unit for variable in variables)))
     return [{"name": name, **base_powers(name)} for name in names]
 
 
 def base_powers(unit: str) -> dict[str, int]:
-    """Return the powers of kg, m and s in a unit in the notation of jbw, such as `1/(m s^2)`."""
+    """Return the powers of kg, m and s in a unit in jbw's notation, such as `1/(m s^2)`."""
     powers = {"kg": 0, "m": 0, "s": 0}
     above, _, below = unit.partition("/")
     for part, sign in ((above, 1), (below.strip("()"), -1)):
@@ -143,7 +143,7 @@ def base_powers(unit: str) -> dict[str, int]:
 
 # -- binaries --------------------------------------------------------------------------------------
 def binary(version: int) -> str:
-    """Return this machine's binary path within `binaries`, such as `linux64/joint.so`."""
+    """Return the path of this machine's binary inside `binaries`, such as `linux64/joint.so`."""
     system, suffix = SYSTEMS.get(sys.platform, (sys.platform, ".so"))
     machine = MACHINES.get(platform.machine().lower(), platform.machine().lower())
     if version == 2:
@@ -152,14 +152,14 @@ def binary(version: int) -> str:
 
 
 def compiler() -> list[str] | None:
-    """Return the command of a C compiler, from variable CC or the system; None without one."""
+    """Return the command of a C compiler, from variable CC or the system; None if there is none."""
     named = shlex.split(os.environ.get("CC", ""))
     commands = [named] if named else [[name] for name in COMPILERS]
     return next((command for command in commands if shutil.which(command[0])), None)
 
 
 def compile_shared(source: Path, target: Path) -> bool:
-    """Compile one C file to a shared library; return False without a compiler.
+    """Compile a C file to a shared library; return False if there is no compiler.
 
     Raises:
         RunError: The compiler failed.

@@ -1,4 +1,4 @@
-"""MATLAB and Octave: a step function of the joint with the laws' exact steps."""
+"""MATLAB and Octave: a function that advances the joint by one exact time step."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from jbw.export.one_joint import Export
 
 
 def _code(folder: Path, result: Export) -> Paths:
-    """Write the function that advances the joint by one time step; it takes parameters as input."""
+    """Write the function that advances the joint by one time step, given its parameters."""
     forms = forms_of("matlab/laws", result)
     facts = {"forms": forms, "memory": sum(form.memory for form in forms)}
     return (write_text(folder / "joint_step.m", "matlab/joint_step.m", result, **facts),)

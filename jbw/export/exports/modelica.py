@@ -1,4 +1,4 @@
-"""Modelica: the joint as a translational component, written with the rates of its laws."""
+"""Modelica: the joint as a translational component, described by the rate equations of its laws."""
 
 from pathlib import Path
 

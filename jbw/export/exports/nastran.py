@@ -44,7 +44,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[str]]]:
-    """Return the tables of force and of equivalent dashpot against displacement, by number."""
+    """Return the tables of force and equivalent dashpot over displacement, each with its number."""
     return [
         (number, [_field(x) for x in mirrored(result.skeleton, column, odd=odd)])
         for number, column, odd in (
@@ -55,7 +55,7 @@ def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[st
 
 
 def _linear(result: Export) -> tuple[str, str]:
-    """Return the stiffness at rest, and a dashpot with equal loss at the largest displacement."""
+    """Return the initial stiffness, and a dashpot of equal loss at the largest displacement."""
     table = result.skeleton
     return _field(table["stiffness_n_m"][0]), _field(table["damping_ns_m"][-1])
 

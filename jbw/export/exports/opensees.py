@@ -1,4 +1,4 @@
-"""OpenSees: the spring parallel to the joint and its laws as uniaxial materials in parallel."""
+"""OpenSees: the joint as uniaxial materials in parallel, for the spring and for every law."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -47,7 +47,7 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 
 
 def _notes(result: Export, unit: str = "m") -> Iterator[str]:
-    """Yield, for each law represented by sliders, a note on range and accuracy of the sliders."""
+    """Yield, for each law represented by sliders, a note on the sliders' range and accuracy."""
     for law in oscillator_of(result.joint, result.laws).laws:
         if law.depth:
             error = 100.0 * error_of_sliders(law, result.y_max)  # pyright: ignore[reportArgumentType]

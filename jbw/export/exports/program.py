@@ -1,4 +1,4 @@
-"""The parts that all exports share: the description of a program, parameters, and templates."""
+"""The common base of all exports: description of a simulation program, parameters, templates."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +17,8 @@ from jbw.export.several_joints import JointCard, JointsExport
 from jbw.oscillator.laws import FAMILIES, law_named, quantities_of
 from jbw.oscillator.laws.stretch_path import UNIT_RULE
 
-TABLES = "nastran, ansys, code_aster"  # programs that can represent any law, by tables
+# programs that can represent any law, because they take tables
+TABLES = "nastran, ansys, code_aster"
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.export.exports"),
     autoescape=jinja2.select_autoescape(("xml", "html", "ssv")),
@@ -39,7 +40,7 @@ def _any_law(result: Export) -> tuple[str, ...]:
 
 
 def no_code(folder: Path, result: JointsExport) -> Paths:
-    """Write no files: used for a program in which every file depends on the draw."""
+    """Write no files; used for a simulation program whose files all depend on the draw."""
     return ()
 
 
@@ -130,7 +131,7 @@ DIRECTIONS = dict(zip((*TRANSLATIONS, *ROTATIONS), range(1, 7), strict=True))
 
 
 class JointNodes(NamedTuple):
-    """A joint between two additional nodes; the first displacement of one is the joint's motion.
+    """A joint between two added nodes; the first displacement of one node is the joint's motion.
 
     Attributes:
         card: The joint.
@@ -146,7 +147,7 @@ class JointNodes(NamedTuple):
 
 
 def nodes_of(result: JointsExport) -> tuple[JointNodes, ...]:
-    """Return the joints with additional nodes, numbered beyond those of the model.
+    """Return the joints with two added nodes each, numbered above the nodes of the model.
 
     Raises:
         ConfigError: A degree of freedom of a joint has no node number or no direction number.
@@ -170,7 +171,7 @@ def _numbered(card: JointCard) -> Iterator[tuple[int, int, float]]:
 
 
 def require_nodes(result: JointsExport) -> None:
-    """Raise an error if a joint lies at nodes without numbers, which a program needs.
+    """Raise an error if a degree of freedom of a joint has no node number for a program to use.
 
     Raises:
         ConfigError: A degree of freedom has no number.
@@ -222,7 +223,7 @@ def forms_of(folder: str, result: Export) -> tuple[Form, ...]:
 
 
 def without_form(folder: str) -> Callable[[Export], tuple[str, ...]]:
-    """Return a function that lists the laws of a joint that have no template in a language."""
+    """Return a function that lists a joint's laws without a template in a program's language."""
     forms = {Path(name).stem for name in ENVIRONMENT.list_templates() if name.startswith(folder)}
     return lambda result: tuple(law for law in result.laws if family_of(law) not in forms)
 
@@ -236,7 +237,7 @@ def _form(folder: str, law: str, result: Export) -> Form:
 
 # -- texts -----------------------------------------------------------------------------------------
 def write_text(path: Path, template: str, result: Export, **more: Any) -> Path:
-    """Write a file of one joint for a simulation program from a template."""
+    """Write a file about one joint from a template of a simulation program."""
     return write_template(
         path,
         template,
@@ -256,12 +257,12 @@ def write_template(path: Path, template: str, **facts: Any) -> Path:
 
 
 def commented(lines: Iterable[str], mark: str) -> str:
-    """Format comment lines without line continuations or trigraphs."""
+    """Format lines as comments; remove line continuations and trigraphs."""
     return "\n".join(mark + re.sub(r"\\+$", "", line.replace("??", "?")) for line in lines)
 
 
 def mirrored(table: Table, column: str, *, odd: bool) -> Iterable[float]:
-    """Yield displacements and values of a skeleton curve in turn, from -Y to Y."""
+    """Yield a skeleton curve from -Y to Y as displacement, value, displacement, value, ..."""
     y, x = table["displacement_m"], table[column]
     middle = 0.0 if odd else x[0]
     xs = (*(-x[::-1] if odd else x[::-1]), middle, *x)
@@ -270,18 +271,18 @@ def mirrored(table: Table, column: str, *, odd: bool) -> Iterable[float]:
 
 
 def number(value: Any) -> str:
-    """Return a number with all digits in a form that C, MATLAB, Modelica and Fortran can read."""
+    """Return a number with all digits, in a form that C, MATLAB, Modelica and Fortran read."""
     return repr(float(value))
 
 
 def wrapped(values: Iterable[str], count: int) -> list[list[str]]:
-    """Return words in rows of `count` words each."""
+    """Split words into rows of `count` words each."""
     words = list(values)
     return [words[i : i + count] for i in range(0, len(words), count)]
 
 
 def in_modelica(unit: str) -> str:
-    """Return a unit as Modelica writes it, such as `1/(m2.s2)`."""
+    """Return a unit in Modelica's spelling, such as `1/(m2.s2)`."""
     return unit.replace("^", "").replace(" ", ".")
 
 
@@ -291,5 +292,5 @@ ENVIRONMENT.filters |= {
     "wrapped": wrapped,
     "modelica": in_modelica,
 }
-# Nodes and weights of the quadrature on [0, 1] for the law whose force is an integral.
+# Nodes and weights of the quadrature on [0, 1], for the law whose force is an integral.
 ENVIRONMENT.globals["legendre"] = tuple(zip(*(x.tolist() for x in UNIT_RULE), strict=True))

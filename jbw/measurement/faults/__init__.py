@@ -1,1 +1,1 @@
-"""The faults that records may have, one per file, and plain checks of samples."""
+"""The faults that records may have, one file for each, and simple checks of samples."""

@@ -14,11 +14,13 @@ from jbw.measurement.records import Record, is_sampled
 from jbw.measurement.spans import SPAN, span_words, start_of
 from jbw.report.messages import decay_faults as messages
 
-# Shares of the largest response: upper limit before a blow, lower limit within a period after.
+# limits relative to the largest response: upper limit before a blow, lower limit within a period
+# after it
 QUIET, LOUD = 0.1, 0.5
-FLAT = 0.05  # change of log X while a shaker holds the motion
-FALLS = 0.3  # smallest change of log X in the time after it, which is as long as the held time
-# Smallest ratio of that change to the change while held; at the top of a beat it is 8.
+FLAT = 0.05  # largest change of log |X| while a shaker drives the motion steadily
+FALLS = 0.3  # smallest change of log |X| in the following time, which is as long as the steady part
+# Smallest ratio of the change of log |X| after the steady part to that within it. At the top of a
+# beat this ratio is 8.
 TIMES_FLAT = 12.0
 FEWEST_VALUES = 16  # smallest number of independent envelope values
 
@@ -36,11 +38,11 @@ class _Beginning(NamedTuple):
     centre_hz: float
 
 
-BLOW = "blow"  # key of a record's provenance: time of its blow
+BLOW = "blow"  # key of the provenance under which the time of a blow is stored
 
 
 def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Record:
-    """Return a record cut to start one period after its blow, if it was quiet before the blow.
+    """Cut a record to start one period after its blow, if it was quiet before the blow.
 
     The quiet time that a trigger keeps before the blow is no free decay. The provenance states the
     time of the blow and the remaining span. Nothing is cut if no motion follows.
@@ -54,7 +56,8 @@ def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Recor
         return record
     first = whole_up((onset + 1 / course.centre_hz) * record.fs)
     after = np.abs(x[first : 2 * first - round(onset * record.fs)])
-    # A single bad sample, or a hard blow.
+    # If the motion falls below this limit within a period, its maximum is a single bad sample, or a
+    # hard blow without free motion.
     if not after.size or after.max() < QUIET * np.abs(x).max():
         return record
     begins = start_of(record)
@@ -65,7 +68,7 @@ def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Recor
 
 
 def blows_seen(test: str, records: Sequence[Mapping[str, str]]) -> list[str]:
-    """Return a sentence about records that were cut to start after their blow, or no sentence."""
+    """Return a sentence on records that were cut to start after their blow, if any was cut."""
     blows = sorted((p[BLOW] for p in records if BLOW in p), key=lambda blow: float(blow.split()[0]))
     if not blows:
         return []
@@ -73,7 +76,7 @@ def blows_seen(test: str, records: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def begins_late(record: Record, band_hz: tuple[float, float], settle_s: float) -> Iterator[Fault]:
-    """Yield an error for a record that does not begin with its free motion."""
+    """Yield an error for a record that does not begin with free motion."""
     course = _course(record, band_hz, settle_s)
     if course is None:
         return
@@ -101,14 +104,14 @@ def _course(record: Record, band_hz: tuple[float, float], settle_s: float) -> _B
 
 
 def late_blow(record: Record, course: _Beginning) -> float | None:
-    """Return the time of the blow if a record begins before it [s]; otherwise None."""
+    """Return the time of the blow [s] if the record begins before it; otherwise None."""
     begins = course.time[0] - course.half_s
     onset = _onset(record.channels[record.response], record.fs, begins, course.centre_hz)
     if onset is not None:
         return onset
     size = course.size
     peak = int(np.argmax(size))
-    # A beat of two modes also rises, but not from quiet within a filter's length.
+    # A beat of two modes also rises, but not from a quiet state within the length of the filter.
     before = size[: max(peak - course.across, 0)]
     if len(before) <= course.across or before.max() > size[peak] + np.log(QUIET):
         return None
@@ -116,7 +119,7 @@ def late_blow(record: Record, course: _Beginning) -> float | None:
 
 
 def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None:
-    """Return when a quiet record becomes loud within one period [s]; None if it does not."""
+    """Return the time at which a quiet record becomes loud within one period [s]; else None."""
     first, period = round(begins * fs), whole_up(fs / centre_hz)
     size = np.abs(x[first:] - np.median(x[first:]))
     size = size / size.max()
@@ -127,7 +130,7 @@ def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None
 
 
 def still_driven(record: Record, course: _Beginning) -> Iterator[Fault]:
-    """Yield an error for a record that begins with steady motion and decays later."""
+    """Yield an error for a record that begins with driven, steady motion and decays later."""
     size = course.size
     best = None
     for held in range(course.across, (len(size) - course.across) // 2 + 1):
@@ -140,12 +143,11 @@ def still_driven(record: Record, course: _Beginning) -> Iterator[Fault]:
             best = held
     if best is None:
         return
-    # The longest flat part ends where the drive ends.
+    # The end of the longest steady part is the end of the drive.
     end = course.time[best - 1] + 2 * course.half_s
     yield refusal(record.response, *messages.still_driven(course.time[best - 1], _rounded_up(end)))
 
 
 def _rounded_up(seconds: float) -> str:
-    """Return a time as text, rounded up to two digits."""
     unit = 10.0 ** (np.floor(np.log10(seconds)) - 1)
     return f"{np.ceil(seconds / unit * (1 - 1e-12)) * unit:.2g}"

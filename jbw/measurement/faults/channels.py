@@ -1,4 +1,4 @@
-"""Checks of every channel after reading: each finds one fault and says how to remedy it.
+"""Checks of every channel after a file is read: each finds one fault and states its remedy.
 
 The thresholds for values held for several samples and for drop-outs are calibrated on records of
 `benchmarks/outside`: none of 1,600 sound records of four kinds is accused, and nine of ten
@@ -13,38 +13,56 @@ import numpy as np
 from jbw.measurement.channels import OF_NORMAL, Reals
 from jbw.measurement.faults.clipping import LEVELS_FROM, clipped
 from jbw.measurement.faults.fault import Fault, doubt, refusal
-from jbw.measurement.records import RESPONSES, Record
+from jbw.measurement.records import INPUTS, RESPONSES, Record
 from jbw.measurement.spans import exclude_line, kept_part, span_line, start_of
 from jbw.report.messages import record_faults as messages
 from jbw.report.messages.message import first_of
 
-# Beyond any SI value of a vibration test: a flipped bit in a float makes such values.
+# No vibration test reaches this value in SI units; a flipped bit in a float does.
 LARGEST = 1e12
-FOLDS = 4  # turns of the frequency along a curve; more turns mean that lines are out of order
-HELD_RUN = 4  # consecutive equal samples in a changing signal: the recorder filled them in
-CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled ones
-FALL = 8.0  # converter steps to a neighbouring sample, more than a slow signal makes
-FAR = 10.0  # ranges of all other samples: a logger's code for a lost sample lies that far away
+LAGS = 0.5, 2.5  # stated delays that account for held values, divided by the lag of these values
+# largest number of reversals of the frequency along a folded response curve; with more reversals,
+# lines are out of order
+FOLDS = 4
+# number of equal samples in a changing signal from which they count as filled in by the recorder
+HELD_RUN = 4
+CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled-in samples
+# number of converter steps between neighbouring samples that a slow signal does not reach
+FALL = 8.0
+# Multiple of the other samples' range; a logger's code for lost samples lies at least this far
+# away.
+FAR = 10.0
 FEWEST_LEVELS = 256  # distinct values: 8 bits
-FEW_SOURCE_LEVELS = 16  # a source of fewer levels is a pulse train, not a clipped signal
+# A source with fewer distinct values is a pulse train, not a clipped signal.
+FEW_SOURCE_LEVELS = 16
 PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m], [m/s], [m/s^2]
 GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration": "mm/s^2"}
-# Changes of the value; by chance all lie at multiples of samples in 2^-24 of the cases.
+# Smallest number of changes of the value. By chance, all of them lie at multiples of a number of
+# samples in 2^-24 of the cases.
 CHANGES = 24
-ORDER = 8  # samples from which the next one is predicted
-MANY = 2**16  # samples to which the prediction is fitted
+ORDER = 8  # number of samples from which the next one is predicted
+MANY = 2**16  # largest number of samples to which the prediction is fitted
 FITS = 4  # number of fits of the prediction, each without the outliers of the previous fit
-OUTLYING = 5.0  # robust standard deviations: samples beyond are excluded from the prediction's fit
-FAR_OFF = 12.0  # robust standard deviations of a prediction's error: beyond it is no noise
-INWARD = 0.45  # share of the predicted value below which a sample of a drop-out lies
+# Samples beyond this number of robust standard deviations are excluded from the prediction's fit.
+OUTLYING = 5.0
+FAR_OFF = 12.0  # A prediction error beyond this number of robust standard deviations is not noise.
+INWARD = 0.45  # largest size of a sample in a drop-out, relative to its predicted value
 STRETCHES = 32  # number of segments of a record, each with a separate standard deviation
-FEWEST, MOST = 5, 0.6  # smallest number of drop-outs; smallest share of all outliers
+# smallest number of drop-outs, and their smallest fraction among all outliers
+FEWEST, MOST = 5, 0.6
 
 
-def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
-    """Return all faults that the checks find in a record, errors before warnings."""
-    # With `masked`, samples may be NaN. `is_curve` states whether a frequency channel contains
-    # the frequencies of a response curve.
+def inspect(
+    record: Record, *, masked: bool = False, is_curve: bool = True, delay_s: float = 0.0
+) -> tuple[Fault, ...]:
+    """Return all faults that the checks find in a record, errors before warnings.
+
+    Args:
+        record: A record of any kind.
+        masked: Whether samples may be NaN.
+        is_curve: Whether a frequency channel contains the frequencies of a response curve.
+        delay_s: Stated lag of the response [s], which accounts for values that are held.
+    """
     faults, lengths = [], {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
@@ -52,14 +70,14 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
     if is_curve and "frequency" in record.channels:
         faults += _ordered(record)
     for role in record.channels:
-        faults += _channel(record, role, masked)
+        faults += _channel(record, role, masked, delay_s)
     return tuple(sorted(faults, key=lambda fault: fault.severity))
 
 
-def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:
+def _channel(record: Record, role: str, masked: bool, delay_s: float) -> Iterator[Fault]:
     """Yield the faults of one channel; stop after a fault that makes its numbers meaningless."""
     x = record.channels[role]
-    # NaN passes through min and max, which need no copy of a long record.
+    # `min` and `max` return NaN if there is one, and need no copy of a long record.
     if len(x) and not np.isfinite([x.min(), x.max()]).all():
         finite = np.isfinite(x)
         bad = np.flatnonzero(~finite)
@@ -80,7 +98,7 @@ def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:
     elif (largest := max(-x.min(), x.max())) > LARGEST:
         yield refusal(role, *messages.beyond_measurement(int(np.abs(x).argmax()), largest))
     elif np.isfinite(record.fs):
-        yield from _signal(record, role)
+        yield from _signal(record, role, delay_s)
 
 
 def _ordered(record: Record) -> Iterator[Fault]:
@@ -90,17 +108,17 @@ def _ordered(record: Record) -> Iterator[Fault]:
     if not (np.all(freq > 0) and (np.all(steps > 0) or np.all(steps < 0))):
         turns = np.count_nonzero(np.diff(np.sign(steps)))
         back = min(np.count_nonzero(steps < 0), np.count_nonzero(steps > 0))
-        # A single step back is one line out of place, not a folded curve.
+        # A single step backwards is one line out of place, not a folded curve.
         is_curve = np.all(freq > 0) and turns <= FOLDS and back > 1
         is_folded = is_curve and "force" in record.channels
         yield refusal("frequency", *(messages.FOLDED if is_folded else messages.UNORDERED))
 
 
-def _signal(record: Record, role: str) -> Iterator[Fault]:
+def _signal(record: Record, role: str, delay_s: float = 0.0) -> Iterator[Fault]:
     x = record.channels[role]
     levels = np.unique(x[:LEVELS_FROM])
     span, largest = np.ptp(x), max(-x.min(), x.max())
-    # A source may switch between two values; one that toggles its last bit is dead.
+    # A source may switch between two values, but one that only toggles its last bit is dead.
     toggles = len(levels) <= 2 < len(x) and (role in RESPONSES or span <= 1e-3 * largest)
     if span == 0 or toggles:
         leave_out = exclude_line(record)
@@ -112,7 +130,10 @@ def _signal(record: Record, role: str) -> Iterator[Fault]:
     is_measured = role in RESPONSES or role == "restoring_force"
     each, first = held_for(x) if is_measured else (1, 0)
     if each > 1:  # other faults show in the values without their repetitions
-        yield doubt(role, *messages.held(each, record.fs / each))
+        lag_s, driven = (each - 1) / 2 / record.fs, set(INPUTS) & record.channels.keys()
+        if not LAGS[0] * lag_s <= abs(delay_s) <= LAGS[1] * lag_s:
+            line = lag_s if driven else None
+            yield doubt(role, *messages.held(each, record.fs / each, line))
         thinned = replace(record, fs=record.fs / each, channels={role: x[first::each]})
         yield from _signal(thinned, role)
         return
@@ -129,7 +150,7 @@ def _signal(record: Record, role: str) -> Iterator[Fault]:
 
 
 def _lost(record: Record, role: str) -> Iterator[Fault]:
-    """Report samples at one value far from all others, as a logger's -9999 for lost samples."""
+    """Yield an error for samples at one value far from all others, such as a logger's -9999."""
     x = record.channels[role]
     ends = float(x.min()), float(x.max())
     others = x[(x > ends[0]) & (x < ends[1])]
@@ -138,7 +159,7 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
     low, high = float(others.min()), float(others.max())
     for end, away in zip(ends, (low - ends[0], ends[1] - high), strict=True):
         at = np.flatnonzero(x == end)
-        # A single such sample of a source may be a pulse.
+        # A single such sample in a source may be a pulse.
         if away > FAR * (high - low) and (len(at) > 1 or role in RESPONSES):
             first, remedy = at[0] / record.fs, kept_part(record, x == end)
             fault_text = messages.lost_samples(len(at), len(x), end, first, (low, high), remedy)
@@ -146,15 +167,16 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
 
 
 def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
-    """Report runs of equal samples within a moving response: blocks that the recorder lost.
+    """Yield faults for runs of equal samples in a moving response: blocks that the recorder lost.
 
     A constant force, such as that of a slider, is not a lost block.
     """
     x, fs = record.channels[role], record.fs
-    # First sample of each run, except of the first run of the record.
+    # index at which each run of equal samples begins, except the first run of the record
     changes = np.flatnonzero(np.diff(x)) + 1
     starts, stops = changes, np.append(changes[1:], len(x))
-    # Chance makes n p^(length - 1) of n runs as long, where p is the share of runs of two or more.
+    # By chance, n p^(length - 1) of n runs are as long, where p is the fraction of runs longer than
+    # one.
     chance_of_repeat = min(np.mean(stops - starts > 1), 1 - 1e-9)
     by_chance = 1 + np.log(CHANCE / len(x)) / np.log(max(chance_of_repeat, CHANCE))
     long = stops - starts >= max(HELD_RUN, by_chance)
@@ -165,7 +187,7 @@ def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
         before = abs(x[start] - x[start - 1])
         after = abs(x[stop] - x[start]) if stop < len(x) else before
         around = x[max(0, start - max(stop - start, 2 * HELD_RUN)) : start]
-        # A block of zeros jumps at both ends; a block that repeats the last value, at one end.
+        # A block of zeros jumps at both ends, a block that repeats the last value only at one end.
         if min(before, after) > FALL * step or (
             role in RESPONSES
             and stop < len(x)
@@ -198,7 +220,7 @@ def held_for(x: Reals) -> tuple[int, int]:
 
 
 def drop_outs(x: Reals) -> list[int]:
-    r"""Return the samples at which a signal drops to nearly zero, against its linear prediction.
+    r"""Return the samples at which a signal drops almost to zero, against its linear prediction.
 
     $$x_k = \sum_i a_i x_{k-i} + e_k, \qquad |x_k| < 0.45\,|x_k - e_k|, \qquad
       e_k^2 > 12^2 \Bigl(s_k^2 + \tfrac{q^2}{12} \bigl(1 + \sum_i a_i^2\bigr)\Bigr)$$
@@ -223,7 +245,7 @@ def drop_outs(x: Reals) -> list[int]:
     error = rows[:, -1] - rows[:, :-1] @ filtered
     rounding = float(np.min(np.diff(np.unique(unit)))) ** 2 / 12 * (1 + filtered @ filtered)
     far = np.flatnonzero(np.abs(error) > FAR_OFF * np.sqrt(_scales(error) ** 2 + rounding))
-    # The samples that follow are predicted from a faulty one.
+    # Samples after a faulty one are predicted from it and do not count.
     first = far[np.diff(far, prepend=-ORDER - 1) > ORDER]
     predicted = rows[first, -1] - error[first]
     inward = np.abs(rows[first, -1]) < INWARD * np.abs(predicted)
@@ -232,7 +254,7 @@ def drop_outs(x: Reals) -> list[int]:
 
 
 def _scales(error: Reals) -> Reals:
-    """Return the robust standard deviation of the errors in each sample's segment."""
+    """Return, for each sample, the robust standard deviation of the errors in its segment."""
     parts = np.array_split(np.abs(error), min(STRETCHES, max(len(error) // 64, 1)))
     return np.concatenate(
         [np.full(len(part), np.median(part) / OF_NORMAL + 1e-300) for part in parts]

@@ -18,27 +18,31 @@ from jbw.report.messages import response_faults
 from jbw.report.messages.message import FaultText, first_of
 
 CLIP_RUN = 3  # consecutive equal samples at the extreme
-BEYOND_NOISE = 4.0  # standard deviations of the noise that a flat peak does not fall by chance
-FLATTENED = 2.0  # standard deviations of the noise by which a flattened crest may be higher
-NO_CHANCE = 6  # equal samples of a flat peak that noise does not produce
-# Converter steps below an extreme, where peaks of an unclipped signal would also lie.
+# By chance, noise makes no flat peak fall by more than this many of its standard deviations.
+BEYOND_NOISE = 4.0
+FLATTENED = 2.0  # Noise may flatten a crest that is higher by this many of its standard deviations.
+NO_CHANCE = 6  # number of equal samples in a flat peak that noise does not produce
+# Number of converter steps below an extreme within which peaks of an unclipped signal also lie.
 NEAR_TOP = 8.0
-SAME = 1e-9  # relative to the range: closer values differ only by round-off
-MORE_OFTEN = 2.0  # number of samples at both extremes, divided by the number at any two levels
-PILED = 3  # samples at the extremes, beyond one each and beyond the number of samples near them
-LEVELS_FROM = 2**20  # samples used to count levels, because sorting a huge record is slow
-CLIPPED_SHARE = 1e-3  # largest share of clipped samples with which a sweep can be fitted
-# mean of a response, divided by its standard deviation: more is an offset of the channel
+SAME = 1e-9  # Values that differ by less than this fraction of the range differ only by round-off.
+MORE_OFTEN = 2.0  # smallest ratio of the samples at both extremes to those at any other two levels
+# smallest number of samples at the two extremes after subtraction of the samples near each extreme
+# and of one more
+PILED = 3
+# number of samples used to count levels, because sorting a very long record is slow
+LEVELS_FROM = 2**20
+CLIPPED_SHARE = 1e-3  # largest fraction of clipped samples with which a sweep can still be fitted
+# largest mean of a response, divided by its standard deviation; more is an offset of the channel
 OFFSET = 1.0
 
 
 class Clipping(Hypothesis):
-    """Responses that are limited to their largest measured magnitude."""
+    """The fault that responses are limited to their largest measured magnitude."""
 
     name = "clipping"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the residual that clipping explains: predictions above the largest measurement."""
+        """Yield how clipping changes the data: predictions are cut at the largest measurement."""
         cut, count, total = {}, 0, 0
         for label, spectrum in in_time(misfit.spectra).items():
             model, most = spectrum.values - spectrum.residual, np.max(np.abs(spectrum.values))
@@ -52,7 +56,7 @@ class Clipping(Hypothesis):
 
 
 def clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
-    """Report samples clipped at an extreme: runs of three or more, or peaks that pile up there."""
+    """Yield a fault for samples clipped at an extreme: runs of equal samples, or equal peaks."""
     x, fs = record.channels[role], record.fs
     step, noise, runs = float(np.diff(levels).min()), noise_of(x), []
     shortest = 1 if role in RESPONSES and _piles_up(x, step) else CLIP_RUN
@@ -74,7 +78,7 @@ def clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
 
 
 def _is_no_crest(x: Reals, start: int, stop: int, step: float, noise: float) -> bool:
-    r"""Return whether a flat peak is too flat to be the crest of a smooth, rounded, noisy signal.
+    r"""Return whether a flat peak is too flat to be the crest of a smooth signal with noise.
 
     A parabola that stays within one converter step for n samples is lower, n samples further, by at
     most $((3n - 1) / (n - 1))^2$ steps; rounding adds one step, and noise flattens a sharper crest.
@@ -94,7 +98,7 @@ def _is_no_crest(x: Reals, start: int, stop: int, step: float, noise: float) -> 
 
 
 def _piles_up(x: Reals, step: float) -> bool:
-    """Return whether single peaks end at the same extreme value more often than by chance.
+    """Return whether single peaks reach the same extreme value more often than by chance.
 
     A steady sine has more samples near its crest than on it, and a record that repeats itself has
     equal samples at every level.
@@ -107,7 +111,7 @@ def _piles_up(x: Reals, step: float) -> bool:
     if beyond < PILED:
         return False
     span, middle = np.ptp(x), (x.max() + x.min()) / 2
-    # Without the quiet end of a record, which has few levels.
+    # The quiet end of a record, which has few levels, is omitted.
     some = x[np.abs(x - middle) > span / 4][:LEVELS_FROM]
     # Values that differ only by round-off count as one level.
     levels = np.unique(np.round(some / (SAME * span)))
@@ -115,12 +119,12 @@ def _piles_up(x: Reals, step: float) -> bool:
 
 
 class Offset(Hypothesis):
-    """The constant offset of each response."""
+    """The fault that responses have a constant offset."""
 
     name = "offset of the response"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the columns of a constant offset in each group compared sample by sample."""
+        """Yield columns of a constant offset for each data group compared sample by sample."""
         groups = in_time(misfit.spectra)
         units = zip(groups.items(), np.eye(len(groups)), strict=True)
         columns = {n: np.tile(unit, (len(s.values), 1)) for (n, s), unit in units}

@@ -1,4 +1,4 @@
-"""Checks of the points of a controlled test: sign of the phase, held phase and branch jumps."""
+"""Checks of the points of a controlled test: sign of the phase, held phase, branch jumps."""
 
 from collections.abc import Iterator
 
@@ -14,18 +14,18 @@ from jbw.report.messages.message import first_of
 
 FEWEST_POINTS = 3
 LISTED = 8  # points named in a message
-JUMP = 0.3  # smallest jump of log amplitude between neighbouring points: about a third
+JUMP = 0.3  # smallest jump of log amplitude between neighbouring points: a change by a third
 SHIFT = 0.01  # smallest relative jump of a backbone's frequency between neighbouring points
-TIMES = 8.0  # multiple of the median step from which a step counts as a jump
+TIMES = 8.0  # A step counts as a jump if it exceeds the median step by this factor.
 # Smallest simultaneous jump of the phase [rad], where the phase is measured.
 TURN = np.radians(20.0)
-SAME = 1e-6  # relative difference of frequency below which points belong to one S-curve
+SAME = 1e-6  # relative difference of frequency below which points belong to the same S-curve
 
 
 def uncontrolled(
     record: Record, locked_phase: float | None, tolerance: float, *, names_jumps: bool
 ) -> Iterator[Fault]:
-    """Report too few points, values that are not positive, and doubtful phases or branches.
+    """Yield faults: too few points, values that are not positive, doubtful phases, jumps.
 
     Args:
         record: A record of a controlled test.
@@ -56,9 +56,9 @@ def uncontrolled(
 
 
 def _turned(role: str, freq_hz: Reals, phase: Reals) -> Fault:
-    """Return a warning that the displacement leads the force, which would then extract energy."""
+    """Return a warning that the displacement leads the force, as if the joint supplied energy."""
     lowest = np.argsort(freq_hz)[: max(1, len(freq_hz) // 4)]
-    # Far below the resonance a displacement is in phase with its force; a sign error inverts it.
+    # Far below the resonance displacement and force are in phase, except with a sign error.
     over = np.mean(np.cos(phase[lowest])) < -0.5
     remedy = messages.put_scale(role) if over else messages.PUT_CONJUGATE
     return doubt(role, *messages.leading(np.degrees(np.median(phase)), remedy))
@@ -67,7 +67,7 @@ def _turned(role: str, freq_hz: Reals, phase: Reals) -> Fault:
 def _off_phase(
     role: str, phase: Reals, numbers: NDArray[np.intp], held: float, tolerance: float
 ) -> Iterator[Fault]:
-    """Yield a warning if a controller missed the phase that it was to hold."""
+    """Yield a warning if the measured phase is not the one that the controller was to hold."""
     error = np.degrees(np.angle(np.exp(1j * (phase - np.radians(held)))))
     off = np.abs(error) > tolerance
     if not off.any():
@@ -84,7 +84,7 @@ def _off_phase(
 def _jumps(
     role: str, curve: ControlledCurve, numbers: NDArray[np.intp], *, is_locked: bool
 ) -> Iterator[Fault]:
-    """Yield a warning if the motion jumped to another branch of solutions between points."""
+    """Yield a warning if the motion jumped to another branch of the response between two points."""
     steps = _steps_apart(curve, is_locked=is_locked)
     if not steps.any():
         return
@@ -105,7 +105,7 @@ def _steps_apart(curve: ControlledCurve, *, is_locked: bool) -> np.ndarray:
         return moved > max(SHIFT, TIMES * float(np.median(moved)))
     grown = np.abs(np.diff(np.log(curve.amplitude)))
     within = np.ones(len(grown), bool)
-    # Several S-curves in sequence: a step to the next curve is no jump.
+    # If several S-curves follow each other, a step to the next curve is no jump.
     if np.mean(moved < SAME) > 0.5:
         within = moved < SAME
     usual = float(np.median(grown[within]))

@@ -1,4 +1,4 @@
-r"""Check whether noise of a measured drive makes more error at a resonance than response noise.
+r"""Check whether noise of a measured drive causes larger errors at a resonance than response noise.
 
 A fit takes the measured drive as exact. White noise of the drive channel passes the resonance and
 appears in the predicted response as an error that no residual reveals, as narrow as the resonance.
@@ -18,17 +18,19 @@ from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
 from jbw.report.messages import record_faults as messages
 
-EMPTY = 0.1  # share of the drive's largest line below which a line counts as not driven
+EMPTY = 0.1  # Lines below this fraction of the drive's largest line count as not driven.
 FEWEST_EMPTY = 32  # smallest number of lines for a median
-HALF = 0.5  # share of the largest power above which lines belong to the resonance
-# Share of the drive noise in the response above which the structure must have felt it.
+HALF = 0.5  # Lines above this fraction of the largest power belong to the resonance.
+# If more than this fraction of the difference between two drives appears in the response, the
+# structure responded to it.
 MEASURED = 0.5
-ONE_DRIVE = 0.1  # share of the drive's power by which drives of two repeats may differ
+# largest difference of power between the drives of two repeats, relative to the drive's power
+ONE_DRIVE = 0.1
 MORE = 1.0  # smallest ratio r that is reported
 
 
 def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
-    """Yield a warning if the drive of two repeats was measured with too much noise."""
+    """Yield a warning if noise of the drive, seen in two repeats, exceeds the response's noise."""
     if not set(INPUTS) & first.channels.keys():
         return
     role, y = first.source, first.response
@@ -43,7 +45,7 @@ def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
 
 
 def passed_on(u: Reals, y: Reals) -> float:
-    """Return the ratio r of drive noise to response noise from two repeats, shape (repeat, time).
+    """Return the ratio r of drive noise to response noise at the resonance, from two repeats.
 
     The ratio is zero in three cases: the drives of the repeats differ; they leave too few lines
     without excitation; or the response followed the difference of the drives, which is then a real

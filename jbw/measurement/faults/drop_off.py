@@ -11,15 +11,16 @@ from jbw.measurement.faults.hypothesis import Facts, Fits, Hypothesis
 from jbw.measurement.readings.sweep import SweepFits, SweepSignal
 from jbw.report.messages import clock_faults as messages
 
-FALLS = 0.5  # share of its median to which a drive must fall to count as dropping off
-NOISY = 0.05  # noise relative to the smallest drive; more makes an error of percents in the damping
-# roughness relative to the median: a sweep's is 0.01 between moments, that of noise 0.5
+FALLS = 0.5  # A drive drops off if it falls to this fraction of its median.
+# noise relative to the smallest drive, above which damping has an error of some percent
+NOISY = 0.05
+# limit of a drive's roughness, relative to its median, between a sweep (0.01) and noise (0.5)
 RANDOM = 0.3
-SMOOTHED = 0.02  # share of the values in the window that smooths the drive
+SMOOTHED = 0.02  # width of the smoothing window, as a fraction of the number of values
 
 
 class DropOff(Hypothesis):
-    """A drive whose amplitude falls to its noise at the resonance."""
+    """The fault that a drive's amplitude falls to its noise at the resonance."""
 
     name = "drop-off of the drive"
 
@@ -30,7 +31,7 @@ class DropOff(Hypothesis):
 
 
 def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
-    """Return the smallest drive relative to its median, and its relative noise; None if sound."""
+    """Return a sweep's smallest drive relative to its median, and its noise; None if sound."""
     smooth, rough = drive_course(signal)
     least = float(smooth.min())
     noise = rough / least

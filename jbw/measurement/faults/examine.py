@@ -1,4 +1,4 @@
-"""One examination of each record for all commands: frequency, damping, faults, kept in a cache."""
+"""One examination of a record for all commands, kept in a cache: frequency, damping and faults."""
 
 import hashlib
 import json
@@ -30,14 +30,14 @@ from jbw.sources import sources_of
 
 Band = tuple[float, float]
 UNREADABLE = (ArithmeticError, IndexError, JbwError, ValueError, np.linalg.LinAlgError)
-KEPT_DAYS = 30  # days after which an unused reading is removed from the cache
-# Packages that readings depend on: a change of their source invalidates the cache.
+KEPT_DAYS = 30  # number of days after which an unused result is removed from the cache
+# Packages that determine the result: a change of their source invalidates the cache.
 SOURCES = ("jbw.measurement.readings", "jbw.measurement.faults", "jbw.report.messages")
 
 
 @dataclass(frozen=True)
 class Examined:
-    """The frequency and damping read from one record, with its faults and the band used.
+    """Frequency and damping measured in one record, with its faults and the band used.
 
     Attributes:
         reading: Frequency and damping against amplitude; None if they cannot be read.
@@ -54,7 +54,7 @@ _read: dict[str, Examined] = {}
 
 
 def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Examined:
-    """Determine frequency, damping and faults of a record of a free decay.
+    """Measure frequency and damping of a free decay's record, and find its faults.
 
     Args:
         record: A record whose samples are all finite.
@@ -67,7 +67,7 @@ def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Exa
 
 
 def read_decays(test: Test) -> list[ModeReading | None]:
-    """Return frequency and damping of every record of a decay test; None for unreadable records.
+    """Return frequency and damping of each record of a decay test; None for unreadable records.
 
     Raises:
         DataError: No record can be read.
@@ -84,7 +84,7 @@ def read_decays(test: Test) -> list[ModeReading | None]:
 
 
 def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
-    """Determine frequency, damping and faults of a record of a sweep.
+    """Measure frequency and damping in a sweep's record, and find its faults.
 
     Args:
         record: A record whose source and response have finite samples.
@@ -120,7 +120,7 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
 
 
 def _read_fits(fits: Fits) -> ModeReading | None:
-    """Return frequency and damping from a record's fits; None if their errors are unknown."""
+    """Return frequency and damping from the fits to a record; None if their errors are unknown."""
     try:
         return read_fits(fits)
     except np.linalg.LinAlgError:
@@ -128,7 +128,7 @@ def _read_fits(fits: Fits) -> ModeReading | None:
 
 
 def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
-    """Return a digest of everything that an examination depends on."""
+    """Return a hash of everything that determines the examination of a record."""
     digest = hashlib.blake2b(sources_of(*SOURCES).encode(), digest_size=20)
     facts = kind, record.fs, numbers, record.name, start_of(record), record.drive
     digest.update(repr(facts).encode())
@@ -139,7 +139,7 @@ def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
 
 
 def _kept(key: str, band: Band, make: Callable[[], Examined]) -> Examined:
-    """Return the result stored by this process or an earlier command, or compute and store it.
+    """Return the stored examination of a record, or compute and store it.
 
     If the folder cannot be written or a file cannot be read, the only cost is a new computation.
     The result is empty if the numerics fail on an unusual record.
@@ -176,10 +176,10 @@ def _write(path: Path, examined: Examined) -> None:
 
 @cache
 def _forget(folder: Path) -> None:
-    """Remove stored results that no command used for a month; do so once per process."""
+    """Remove stored examinations that no command used for a month; do so once per process."""
     oldest = time.time() - KEPT_DAYS * 86400
     for path in folder.iterdir():
-        with suppress(OSError):  # another process may have removed it
+        with suppress(OSError):  # Another process may have removed the file.
             if path.stat().st_mtime < oldest:
                 path.unlink()
 

@@ -1,4 +1,4 @@
-"""The faults of records: finding, reason and remedy of each, and the merging of similar faults."""
+"""Faults of records, each with finding, reason and remedy, and the merging of similar faults."""
 
 import re
 import warnings
@@ -15,10 +15,10 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 @dataclass(frozen=True)
 class Fault:
-    """One error or doubt in one channel of a record."""
+    """One error or warning about one channel of a record."""
 
     severity: str  # `error` if the record cannot be used, `warning` if it is doubtful
-    channel: str  # role of the channel in which the fault was found
+    channel: str  # role of the channel that has the fault
     what: str  # what was found, with numbers
     why: str = ""  # why it matters
     remedy: str = ""  # what to do
@@ -30,7 +30,7 @@ refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
 
 
 def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
-    """Merge faults of `count` records: warnings that differ only in their numbers become one fault.
+    """Merge the faults of `count` records: warnings that differ only in their numbers become one.
 
     A merged fault says how many records it concerns and the range of its numbers.
     """
@@ -43,14 +43,14 @@ def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Faul
 
 
 def _of_one_record(fault: Fault) -> bool:
-    """Return whether a fault needs a separate remedy in each record, not one key for the test."""
+    """Return whether a fault needs a separate remedy for each record, not one for the test."""
     of_test = "Put under [[test]]" in fault.remedy or LEAVES_OUT.search(fault.remedy)
     return fault.severity == "error" and not of_test
 
 
 @contextmanager
 def told_together(test: str, count: int) -> Iterator[None]:
-    """Merge warnings that are raised for several records of a test into one warning each."""
+    """Merge the warnings that several records of a test raise inside the `with` block."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
@@ -61,7 +61,7 @@ def told_together(test: str, count: int) -> Iterator[None]:
 
 def _together(faults: Sequence[tuple[str, Fault]], count: int) -> Fault:
     (name, first), *others = faults
-    # If one key serves all records, give the value that suits every record.
+    # If one key is valid for all records, use the value that suits every record.
     remedies = [fault.remedy for _, fault in faults]
     leaves_out = LEAVES_OUT.search(first.remedy)
     remedy = of_all(remedies, count) if leaves_out else max(remedies, key=_numbers)
@@ -79,11 +79,11 @@ def _numbers(text: str) -> list[float]:
 
 
 def _reach(numbers: Sequence[str]) -> str:
-    """Return the range of numbers as text, such as `2 to 5`, in their original notation."""
+    """Return the range of numbers as text, such as `2 to 5`, each in its original notation."""
     least, most = min(numbers, key=float), max(numbers, key=float)
     return least if float(least) == float(most) else f"{least} to {most}"
 
 
 def worst(faults: Iterable[Fault]) -> str:
-    """Return `error`, `warning` or `ok`: the worst severity among the faults."""
+    """Return the worst severity among faults: `error`, `warning`, or `ok` if there are none."""
     return min((fault.severity for fault in faults), default="ok")

@@ -1,4 +1,4 @@
-"""The list of all hypotheses, and the faults of one record that they explain."""
+"""The list of all kinds of fault, and the search for those that a record has."""
 
 from collections.abc import Iterator
 
@@ -25,7 +25,7 @@ from jbw.measurement.faults.window import Window
 from jbw.measurement.readings.sweep import SweepFits
 from jbw.report.messages import decay_faults as messages
 
-# Hypotheses that are fitted together with a mode are ordered by their number of parameters.
+# Kinds of fault that are fitted together with a mode are ordered by their number of parameters.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     Delay(), ClocksApart(), UndecayingLine(), SecondBlow(), LostBlock(), SecondMode(),
     Window(), DropOff(), HighPass(), Wear(), Slip(), ZeroOfLoadCell(),
@@ -34,9 +34,9 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 
 
 def explained(fits: Fits, facts: Facts) -> Iterator[Fault]:
-    """Yield the faults that a fitted mode shows, and the one fault that explains its residual."""
+    """Yield the faults that a fitted mode shows, and the one fault behind the fit's residual."""
     yield from (seen := [fault for one in HYPOTHESES for fault in one.seen(fits, facts)])
-    # Noise of the drive biases the damping and leaves no residual to explain.
+    # Noise of the drive biases the damping and leaves no residual that could be explained.
     if isinstance(fits, SweepFits) and seen:
         return
     left = remainder(fits)

@@ -1,4 +1,4 @@
-r"""Drive and response whose clocks differ: a lag that is constant, grows or jumps.
+r"""A response whose clock differs from the drive's clock: a lag that is constant, grows or jumps.
 
 A response that is late by $\tau(t)$ is rotated by $e^{-i\dot\phi\tau}$ in the frame of the drive. A
 constant lag is a delay; one that grows comes from two recorders with different clocks; one that
@@ -27,20 +27,25 @@ from jbw.report.messages import clock_faults as messages
 from jbw.report.messages import loop_faults as loop_messages
 from jbw.report.messages.message import FaultText
 
-OTHER_SIGN = 0.45  # lag, in periods, from which the sign of a channel is wrong instead
-# Smallest lags in periods; the drift is the change in the whole record.
+OTHER_SIGN = 0.45  # lag in periods from which the channel has a wrong sign instead
+# Smallest lags in periods that are reported; a drift is the change over the whole record.
 LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05
 LEAST_LOST = 1.6  # samples
-PLACES = np.linspace(0.03, 0.97, 16)  # shares of the response's weighted amplitudes before a step
-SCANNED = 12  # scanned places between two of these
-QUIET = 0.4  # share of the largest motion below which the lag is determined without the joint
-FEWEST, FAINT = 24, 1e-6  # smallest number of values of that part; weight of the others
-OF_CYCLE = 0.125  # largest lag of a loop that is tried, as a share of a cycle
-ALIKE = 0.5  # relative difference between the delay of that part and of the record; 0.06 if true
+# tried times of a jump, as fractions of the record's accumulated amplitude
+PLACES = np.linspace(0.03, 0.97, 16)
+SCANNED = 12  # number of times that are scanned between two of the tried times
+# Below this fraction of the largest motion, the lag is determined without an effect of the joint.
+QUIET = 0.4
+# smallest number of values at such small motion, and the weight of all other values
+FEWEST, FAINT = 24, 1e-6
+OF_CYCLE = 0.125  # largest lag that is tried for a loop, as a fraction of a cycle
+# largest relative difference between the lags at small motion and in the whole record; a true lag
+# gives 0.06
+ALIKE = 0.5
 
 
 class _Lag(Hypothesis):
-    """The lag of a response behind its drive, as a given function of time."""
+    """The fault that a response lags behind its drive, by a given function of time."""
 
     starts: tuple[tuple[float, ...], ...]
 
@@ -67,11 +72,11 @@ class Delay(_Lag):
     starts = ((-0.35,), (-0.12,), (0.12,), (0.35,))
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
-        """Return the same lag at every time, in mean periods of the drive."""
+        """Return the same lag for every time, in mean periods of the drive."""
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether a lag exceeds 1 % of a period, is no sign error, and exists initially."""
+        """Return whether a lag is above 1 % of a period, no sign error, and present early on."""
         if not LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN:
             return False
         signal = fits.signal
@@ -87,19 +92,20 @@ class Delay(_Lag):
         return bool(abs(own - values[0]) <= ALIKE * abs(values[0]))
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
-        """Return the fault: by how much the response lags, compared with the stated delay."""
+        """Return the text on a response that lags more or less than stated."""
         seconds = facts.delay_s + float(values[0]) * fits.signal.mean_period_s
         return messages.another_delay(seconds, facts.delay_s)
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield the best-fitting lag of the force, as a possible cause of a loop's residual."""
+        """Yield the lag of the force that fits a loop best, as a possible cause of its residual."""
         loop, whole = residual.loop, residual.basis
         if not (cycles := cycles_of(loop)):
             return
         longest = OF_CYCLE * float(np.median([one.num_samples for one in cycles]))
-        # Samples whose force at the longest lag is in the record.
+        # samples for which the record contains the force at the longest lag
         known = slice(0, len(loop.force) - int(np.ceil(longest)))
-        # With a lag, a dashpot is redundant: a lagging spring acts as a negative dashpot.
+        # Together with a lag a dashpot is redundant, because a lagging spring acts as a negative
+        # dashpot.
         basis = LoopBasis(whole.losses[known, :-1], whole.springs[known])
         samples = np.arange(len(loop.force))
 
@@ -111,7 +117,7 @@ class Delay(_Lag):
         yield LoopCause(share * found.fun, loop_messages.late(lag, residual.delay_s + lag))
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        r"""Yield the columns by which a delay of all responses changes the data: $-j\omega X$."""
+        r"""Yield columns that state how a delay of all responses changes the data: $-j\omega X$."""
         spectra = misfit.spectra.items()
         columns = {n: as_columns(s.row(-1j * s.omega * s.predicted)) for n, s in spectra}
         yield Suspect(columns, lambda tau: messages.another_delay(tau[0]))
@@ -124,7 +130,7 @@ class ClocksApart(_Lag):
     starts = ((-0.25, -0.5), (-0.12, -0.25), (0.12, 0.25), (0.25, 0.5))
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
-        """Return the lag as a straight line in time, in mean periods of the drive."""
+        """Return the lag as a straight line over time, in mean periods of the drive."""
         time = signal.time
         return values[0] + values[1] * (time - time.mean()) / np.ptp(time)
 
@@ -133,13 +139,13 @@ class ClocksApart(_Lag):
         return abs(values[0]) <= OTHER_SIGN and abs(values[1]) >= LEAST_DRIFT
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
-        """Return the fault: by how much the clocks differ."""
+        """Return the text on two clocks of different speed."""
         change = float(values[1]) * fits.signal.mean_period_s
         slope = change / float(np.ptp(fits.signal.time))
         return messages.another_clock(slope, abs(change))
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        r"""Yield the columns by which a fast response clock would change the data: $-t\,\dot x$."""
+        r"""Yield columns that state how a fast response clock changes the data: $-t\,\dot x$."""
         courses = {n: s.stretched for n, s in misfit.spectra.items() if s.stretched is not None}
         if courses:
             columns = {name: as_columns(-course) for name, course in courses.items()}
@@ -147,12 +153,12 @@ class ClocksApart(_Lag):
 
 
 class LostBlock(_Lag):
-    """A lag that jumps from zero: its size in mean periods, its time as a share of the record."""
+    """A lag that jumps from zero: its size in mean periods, its time as a part of the record."""
 
     name = "lost block"
 
     def causes(self, fits: Any, basis: str) -> Iterator[SweepCause]:
-        """Yield the best-fitting jump of the lag, searched first coarsely, then finely."""
+        """Yield the jump of the lag that fits best, searched first coarsely, then finely."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
         signal, count = fits.signal, len(fits.fits["linear"].theta)
@@ -160,7 +166,7 @@ class LostBlock(_Lag):
         times = np.interp(PLACES, share / share[-1], signal.time)
 
         def fitted(at: float, step: float) -> tuple[float, float, float]:
-            """Return residual sum of squares, time and size of the best jump near a given time."""
+            """Return residual sum of squares, time and fitted size of a jump at a given time."""
             found = joint_fit(fits, "linear", SweepCause(np.array([step]), _stepped(float(at))))
             return (found.squares, at, float(found.theta[count])) if found else (np.inf, at, step)
 
@@ -168,8 +174,8 @@ class LostBlock(_Lag):
         inner = int(np.searchsorted(times, at))
         ends = signal.time[0], *times[max(inner - 1, 0) : inner + 2], signal.time[-1]
         low, high = max(x for x in ends if x < at), min(x for x in ends if x > at)
-        # A fit finds the place only within the filter's length; a scan between neighbours gets
-        # close.
+        # The fit finds the time only if it begins within the filter's length; the scan gets close
+        # enough.
         found: Any = minimize_scalar(
             lambda x: fitted(x, step)[0], bounds=(low, high), options={"maxiter": SCANNED}
         )
@@ -185,7 +191,7 @@ class LostBlock(_Lag):
         return is_inside and samples >= LEAST_LOST and abs(values[0]) >= LEAST_STEP
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
-        """Return the fault: time and length of the lost block; its remedy keeps the time before."""
+        """Return the text on a lost block; its remedy keeps the record up to the block."""
         signal = fits.signal
         at = float(values[1]) * float(np.ptp(signal.time))
         jump = float(values[0]) * signal.mean_period_s
@@ -194,7 +200,7 @@ class LostBlock(_Lag):
 
 
 def _stepped(at_s: float | None) -> Callable[[SweepSignal, Complexes, Reals], Complexes]:
-    """Return a function that applies a lag with a jump at a given time [s] or at a fitted one."""
+    """Return a function that applies a lag which jumps at a given time [s] or at a fitted time."""
 
     def stepped(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
         place = float(values[1]) * float(np.ptp(signal.time)) if at_s is None else at_s

@@ -1,4 +1,4 @@
-r"""Drive and response of a noise test whose clocks differ: a lag that is constant, grows or jumps.
+r"""Noise tests whose drive and response have different clocks: a constant, growing or jumping lag.
 
 A constant lag is a delay, one that grows along the record comes from two clocks of different
 speed, and one that jumps from a block of samples that one channel lost. Parts of a record have the
@@ -25,22 +25,26 @@ from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order
 from jbw.report.messages import clock_faults as messages
 
-AWAY = 0.08  # |1 - r^2| beyond which damping is the only effect on the phase
-LOUD = 0.3  # share of the drive's median power above which the phase of a line is used
-FEWEST = 12  # smallest number of values of a phase or lag
+# Lines with |1 - r^2| above this are used, r the frequency ratio: damping hardly shifts their
+# phase.
+AWAY = 0.08
+# The phase of a line is used if its power exceeds this fraction of the drive's median power.
+LOUD = 0.3
+FEWEST = 12  # smallest number of lines with a usable phase
 CERTAIN = 6.0  # standard errors of a lag
-ONE_MODE = 0.3  # standard deviation of log |Y/U| about that of one mode; more means several modes
-ROUGH = 0.15  # [rad]; a phase that varies by more is not that of one mode
-PARTS, AVERAGES = 8, 8  # numbers of parts of a record of noise, and of averages in each part
-LEAST_PARTS = 2  # smallest number of parts on each side of a part within which the lag jumps
-COHERENT = 0.5  # smallest mean coherence of response and drive for which a lag is read
-MOST_TURNS = 3  # half turns of the phase that are tried on either side of its middle
-ODDS = 1e-6  # probability of calling a chance result a lag
-TURNED = 0.05  # [rad] at the end of the record: a smaller error does not affect the damping
+ONE_MODE = 0.3  # largest standard deviation of log |Y/U| about one mode; more means several modes
+ROUGH = 0.15  # [rad]; if the phase varies by more, there is more than one mode
+# number of parts into which a record is divided, and number of averages in each part
+PARTS, AVERAGES = 8, 8
+LEAST_PARTS = 2  # smallest number of parts before and after a part in which the lag jumps
+COHERENT = 0.5  # smallest mean coherence of drive and response with which a lag is determined
+MOST_TURNS = 3  # number of half turns of phase that are tried on either side of the nearest one
+ODDS = 1e-6  # probability of mistaking chance for a lag
+TURNED = 0.05  # phase error at the end of the record [rad] below which damping is not affected
 
 
 def untimely(record: Record, delay: float) -> Iterator[Fault]:
-    """Yield a warning if drive and response of a noise record differ by a lag, drift or gap."""
+    """Yield a warning if drive and response of a noise test differ by a lag, a drift or a gap."""
     u, x = (record.channels[role] for role in (record.source, record.response))
     parts = _lags_of_noise(u, x, record.fs)
     if parts is None:
@@ -52,11 +56,11 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
         before, after, jump = step
         text = messages.lost_block(0.5 * (before + after), jump, kept_before(record, before))
     elif abs(slope) * length > least:
-        # A fast clock samples early: each sample shows an earlier instant, and the lag grows.
+        # A fast clock samples early: each sample shows an earlier time, and the lag grows.
         text = messages.another_clock(slope, abs(slope) * length)
     elif (constant := _constant_of_noise(record)) is not None:
         seconds, error = constant
-        # A voltage input is held from sample to sample, which is half a sample of lag.
+        # A voltage input is held between samples, which is a lag of half a sample.
         held = 1 / record.fs if record.source == "input" else 0.0
         if abs(seconds - delay) <= max(least, CERTAIN * error, held):
             return
@@ -69,15 +73,15 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
 def _away(
     omega: Reals, receptance: Complex[np.ndarray, " line"]
 ) -> tuple[Int[np.ndarray, " kept"], Reals, Reals] | None:
-    """Return lines away from a single resonance, their phase and its change by damping, or None."""
+    """Return lines off the resonance, their phase, and the slope of phase with damping; or None."""
     natural = float(omega[np.argmax(np.abs(omega * receptance))])
     r = omega / natural
     lines_away = np.flatnonzero(np.abs(1 - r**2) > AWAY)
     if len(lines_away) < FEWEST:
         return None
     r = r[lines_away]
-    # The magnitude of a single mode falls as 1 / (1 - r^2); with several modes the phase shows no
-    # lag.
+    # The magnitude of a single mode is proportional to 1 / (1 - r^2); with several modes, the phase
+    # shows no lag.
     if np.std(np.log(np.abs(receptance[lines_away] * (1 - r**2)))) > ONE_MODE:
         return None
     phase = np.angle(receptance[lines_away] * np.where(r < 1, 1.0, -1.0))
@@ -85,7 +89,7 @@ def _away(
 
 
 def _constant_of_noise(record: Record) -> tuple[float, float] | None:
-    """Return lag and standard error [s] of a noise record, from its FRF off the resonance."""
+    """Return the lag of a noise test and its standard error [s], from the FRF off the resonance."""
     u, x = (record.channels[role] for role in (record.source, record.response))
     short = 2 * len(u) // (PARTS * (AVERAGES + 1))
     freq, power, response, cross = averaged(
@@ -103,7 +107,7 @@ def _constant_of_noise(record: Record) -> tuple[float, float] | None:
         return None
     lines_away, phase, bend = away
     phase, design = np.unwrap(phase), np.column_stack([-omega[lines_away], -bend])
-    # Half turns are the polarity of a channel, whereas a lag rotates the phase with frequency.
+    # Half turns of phase come from a channel's polarity; a lag rotates the phase with frequency.
     nearest = np.round(np.median(phase) / np.pi)
     turns = np.pi * (nearest + np.arange(-MOST_TURNS, MOST_TURNS + 1))
     fitted = min((_squares(design, phase - turn) for turn in turns), key=lambda fit: fit.squares)
@@ -115,7 +119,7 @@ def _constant_of_noise(record: Record) -> tuple[float, float] | None:
 
 class _Fit(NamedTuple):
     values: Reals
-    errors: Reals  # standard errors for residuals of unit variance
+    errors: Reals  # standard errors of the values for residuals of unit variance
     squares: float
 
 
@@ -128,14 +132,14 @@ def _squares(design: Float[np.ndarray, "value unknown"], target: Reals) -> _Fit:
 
 
 def _better(simple: _Fit, extended: _Fit, count: int, unknowns: int) -> bool:
-    """Return whether one more unknown reduces the sum of squares by more than noise would."""
+    """Return whether an additional unknown reduces the sum of squares by more than noise would."""
     degrees = (count - unknowns) / 2  # neighbouring values overlap by half
     ratio = (simple.squares - extended.squares) / max(extended.squares, 1e-300) * degrees
     return bool(fdtrc(1, degrees, ratio) < ODDS)
 
 
 def _lags_of_noise(u: Reals, x: Reals, fs: float) -> tuple[Reals, Reals, float] | None:
-    """Return for each part of a noise record its time and lag [s], and the mean frequency [Hz]."""
+    """Return times and lags [s] of the parts of a noise record, and their mean frequency [Hz]."""
     size = len(u) // PARTS
     short = 2 * size // (AVERAGES + 1)
     if short < 64:
@@ -164,7 +168,7 @@ def _lags_of_noise(u: Reals, x: Reals, fs: float) -> tuple[Reals, Reals, float] 
 
 
 def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
-    """Return the cross spectrum and the coherence of drive and response in one part of a record."""
+    """Return the cross spectrum and coherence of drive and response in one part of a record."""
     window = np.hanning(short)
     starts = range(0, len(u) - short + 1, short // 2)
     spectra = np.array(
@@ -188,14 +192,14 @@ def _course(time: Reals, lags: Reals) -> tuple[float, tuple[float, float, float]
 
     plain, growing = fitted(), fitted(time - time[0])
     steps = [(3, at - 1, at, fitted(part >= at)) for at in range(1, count)]
-    # A part within which the lag jumps has an intermediate lag.
+    # If the lag jumps within a part, that part has an intermediate lag.
     for at in range(LEAST_PARTS, count - LEAST_PARTS):
         within = fitted(part > at, part == at)
         if _better(plain, within, 2 * count, 4):
             steps.append((4, at - 1, at + 1, within))
     unknowns, before, after, jump = min(steps, key=lambda candidate: candidate[-1].squares)
     chosen = plain
-    # Only a few of eight parts remain to estimate the variation; the odds account for this.
+    # Few of the eight parts remain for an estimate of the variation; this test accounts for that.
     if _better(plain, growing, 2 * count, 2):
         chosen = growing
     if jump.squares < chosen.squares and _better(plain, jump, 2 * count, unknowns):

@@ -1,4 +1,4 @@
-"""Records that are longer or finer than needed: what cutting or decimating would save."""
+"""Records that are longer or finer than needed, and what cutting or decimating would save."""
 
 from collections.abc import Iterator
 
@@ -10,15 +10,15 @@ from jbw.measurement.spans import span_line, start_of
 from jbw.measurement.spectra import strongest_line
 from jbw.report.messages import reading as messages
 
-LONG = 60_000  # samples from which a fit takes minutes
-DRIFTS = 8  # cycles in a record: motion of fewer cycles is a drift
-STILL = 0.005  # share of the largest response below which a structure is at rest
-SPARED = 0.1  # smallest saved share of the samples that is worth a proposal
-PER_CYCLE = 64  # samples per cycle of the strongest frequency that are plenty
+LONG = 60_000  # number of samples from which a fit takes minutes
+DRIFTS = 8  # smallest number of cycles in a record; a motion with fewer cycles is a drift
+STILL = 0.005  # Below this fraction of the largest response a structure counts as at rest.
+SPARED = 0.1  # smallest saved fraction of the samples for which a proposal is made
+PER_CYCLE = 64  # sufficient number of samples per cycle of the strongest frequency
 
 
 def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
-    """Propose a shorter span and a lower sampling frequency for a long record of samples.
+    """Propose a shorter span and a lower sampling frequency for a record with very many samples.
 
     `span` cuts samples of rest at either end; a new export lowers a rate of more than 64 samples
     per cycle of the strongest frequency. The time of a fit falls with the number of samples.
@@ -28,7 +28,7 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
     if total < LONG or traits.is_curve or traits.is_broadband:
         return
     response = np.nan_to_num(record.channels[record.response])
-    # The level at rest, provided that most of the record is at rest.
+    # the level at rest, if most of the record is at rest
     response = response - np.median(response)
     size = np.abs(response)
     moving = np.flatnonzero(size > STILL * size.max())
@@ -38,7 +38,7 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
     span_length = last - first + 1
     proposals = []
     if total - span_length > SPARED * total:
-        # Round outwards to a power of ten of at most a hundredth of the record.
+        # Times are rounded outwards, to a power of ten of at most a hundredth of the record.
         step = 10.0 ** np.floor(np.log10(total / record.fs / 100))
         ends = (
             float(f"{np.floor(first / record.fs / step) * step:.12g}"),

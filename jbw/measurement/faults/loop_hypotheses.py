@@ -13,9 +13,11 @@ from jbw.measurement.readings.loop import basis_of, fit_loop
 from jbw.measurement.spans import kept_part, span_line, start_of
 from jbw.report.messages import loop_faults as messages
 
-STILL = 1e-3  # share of the whole stroke within which a joint counts as at rest
-SLIPS = 3  # number of places at which a gauge may have slipped
-NEIGHBOURS = 2  # steps of a motion to either side, whose median is the usual step
+# A joint counts as at rest while it moves less than this fraction of the whole stroke.
+STILL = 1e-3
+SLIPS = 3  # number of times at which the gauge may have slipped that are tried
+# The usual step of the motion is the median over this number of steps on either side.
+NEIGHBOURS = 2
 
 
 class ZeroOfLoadCell(Hypothesis):
@@ -33,7 +35,7 @@ class ZeroOfLoadCell(Hypothesis):
 
 
 def at_rest(loop: ForcedLoop) -> Reals:
-    """Return the force before the motion starts, which should be zero for every law."""
+    """Return the force before the motion starts, which must be zero for every law."""
     y = loop.displacement
     if not begins_unmoved(y):
         return loop.force[:0]
@@ -41,7 +43,7 @@ def at_rest(loop: ForcedLoop) -> Reals:
 
 
 def loaded(rest: Reals, force: Reals) -> Iterator[LoopCause]:
-    """Yield a zero offset of the load cell as a cause, from the force before the motion."""
+    """Yield an offset of the load cell as a cause, estimated from the force before the motion."""
     text = messages.off_centre(float(np.mean(rest) / (0.5 * np.ptp(force))), 0.0)
     yield LoopCause(len(rest) * float(np.var(rest)), text)
 
@@ -67,12 +69,12 @@ class Slip(Hypothesis):
     name = "slip of the gauge"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield slips of the gauge where a step of the motion differs most from its neighbours."""
+        """Yield slips of the gauge at the times at which a step of the motion is most unusual."""
         loop, record, every = residual.loop, residual.record, residual.every
         steps = np.diff(loop.displacement)
         around = np.lib.stride_tricks.sliding_window_view(steps, 2 * NEIGHBOURS + 1)
         unlike = steps[NEIGHBOURS:-NEIGHBOURS] - np.median(around, axis=1)
-        before = loop.begins - start_of(record)  # a stated delay may skip the first samples
+        before = loop.begins - start_of(record)  # A stated delay may exclude the first samples.
         skipped = round(before * record.fs) if before else 0
         for place in np.argsort(np.abs(unlike))[-SLIPS:].tolist():
             first = place + NEIGHBOURS + 1  # first sample after the slip
@@ -93,7 +95,7 @@ class Wear(Hypothesis):
     name = "wear of the joint"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield wear along the path as a possible cause of a loop fit's residual."""
+        """Yield wear with the travelled path as a possible cause of a loop fit's residual."""
         loop = residual.loop
         if not (groups := of_one_amplitude(cycles_of(loop))):
             return

@@ -12,7 +12,7 @@ from jbw.report.messages.message import FaultText
 
 
 class LoopResidual(NamedTuple):
-    """A force loop, the columns by which a loop without faults is fitted, and its record.
+    """A force loop, the columns for a fit of a loop without faults, and its record.
 
     Attributes:
         loop: Displacement and force, at every `every`-th sample of the record.
@@ -31,7 +31,7 @@ class LoopResidual(NamedTuple):
     every: int
 
     def with_zero(self) -> "LoopResidual":
-        """Return the residual with the load cell's zero among the columns of a faultless loop."""
+        """Return a copy whose columns for a faultless loop include the load cell's zero."""
         basis = LoopBasis(self.basis.losses, np.column_stack([self.basis.springs, self.zero]))
         return self._replace(basis=basis, zero=self.zero[:, :0])
 
@@ -41,7 +41,7 @@ class LoopResidual(NamedTuple):
 
 
 class LoopCause(NamedTuple):
-    """The residual sum of squares of a loop's force with a fault, with the fault's text."""
+    """The residual sum of squares of a loop fit that includes a fault, with the fault's text."""
 
     square: float
     text: FaultText

@@ -27,20 +27,22 @@ from jbw.measurement.readings.loop import MOST_SAMPLES, Columns, LoopBasis, basi
 from jbw.measurement.records import LOAD_CELLS, Record
 from jbw.report.messages import loop_faults as messages
 
-LOPSIDED = 0.25  # difference of the peak forces of both sides, divided by their sum
+LOPSIDED = 0.25  # difference of the peak forces in both directions, divided by their sum
 FREE = ("gap_series", "stop")  # laws with contacts
-POINTS = 40  # number of points on the mean of both strokes
+POINTS = 40  # number of points of the mean of the loading and the unloading stroke
 END = POINTS // 8  # number of values at the end of a stroke from which its slope is determined
-# ratio of the slope at a stroke's end to its smallest slope from which the stroke counts as
-# stiffening
+# A stroke stiffens if the slope at its end exceeds its smallest slope by this factor.
 TWICE = 1.5
-STIFFER = 1.0  # ratio of contact stiffness to stiffness in the free travel; a smaller one is no gap
+# smallest ratio of the contact's stiffness to that of the free travel; with less there is no gap
+STIFFER = 1.0
 GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel, divided by the amplitude
 BETTER = 0.4  # largest residual sum of squares with a gap, divided by that with a smooth spring
-LEFT = 0.01  # largest residual beyond noise of a sound loop, relative to the rms of the force
+# largest residual of a sound loop, in excess of noise, relative to the rms of the force
+LEFT = 0.01
 OFF = 0.02  # largest force before the motion, relative to the rms of the force
-NOISE = 1.2  # factor on the noise's sum of squares that sliders leave by chance
-EXPLAINS = 0.85  # share of the residual beyond noise that a cause must explain
+# factor by which the residual of sliders may exceed the noise's sum of squares by chance
+NOISE = 1.2
+EXPLAINS = 0.85  # fraction of the residual in excess of noise that a cause must explain
 FEWEST = 64  # fewest samples of a loop
 WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint
 
@@ -54,7 +56,7 @@ def one_sided(loop: ForcedLoop) -> Iterator[Fault]:
 
 
 def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
-    """Yield a warning if a joint has free travel between two contacts but its laws have none."""
+    """Yield a warning if a joint travels freely between two contacts but its laws have no gap."""
     cycles = cycles_of(loop)
     if not cycles or set(laws) & set(FREE):
         return
@@ -67,7 +69,7 @@ def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
 
 
 def _gap_of(y: Reals, force: Reals) -> float | None:
-    """Return half the free travel of a cycle [m]; None if a smooth spring fits equally well."""
+    """Return half the free travel in a cycle [m]; None if a smooth spring fits equally well."""
     lowest = int(np.argmin(y))
     centre, reach = 0.5 * (y.max() + y.min()), 0.5 * np.ptp(y)
     if lowest < POINTS // 4 or len(y) - lowest < POINTS // 4:
@@ -95,7 +97,7 @@ def _gap_of(y: Reals, force: Reals) -> float | None:
 
 
 def _stiffens(stroke: Reals) -> bool:
-    """Return whether a stroke (force at even steps of displacement) stiffens towards its end."""
+    """Return whether a stroke stiffens at its end, given forces at even steps of displacement."""
     slopes = stroke[END:] - stroke[:-END]
     return bool(slopes[-1] > TWICE * np.min(slopes[:-END]))
 
@@ -145,11 +147,11 @@ def _named(
 
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
-    """Return the columns of the stated effects, and those of a zero of the load cell not stated."""
+    """Return the columns of stated effects, and the columns of a zero error that was not stated."""
     y, basis = loop.displacement, basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
     if not begins_unmoved(y):
-        known = max(known, 1)  # stuck sliders there add a constant of their own
+        known = max(known, 1)  # Sliders that are fully stuck there contribute a constant.
     springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)
     if set(laws) & set(WEARING):
         springs = np.column_stack([springs, *(path_of(loop) * loop.force)])

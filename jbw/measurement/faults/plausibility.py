@@ -20,30 +20,32 @@ from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
 from jbw.report.messages import gain_faults as gain_messages
 from jbw.report.messages import record_faults as messages
 
-LOOKED_AT = 2**21  # samples used; a stationary record shows its faults in them
-LONGEST = 4  # segments at the finest resolution of the resonance
-CLEAR = 4.0  # multiple of the band's median above which a peak is a resonance in the band
-RESOLVED = 1.5  # window widths; a narrower peak shows the window itself, T 2 zeta f_n < 2
-LOW_COHERENCE = 0.5  # smallest median coherence of the lines that carry the response
-MASS_FACTOR = 3.0  # factor between estimated and stated modal mass; more means a wrong unit
-SEGMENTS = 8  # number of segments: few, but a resonance still stands out of the spectra
-FLOOR = 1e-4  # share of the largest density below which lines are outside the excitation
-PEAKED = 10.0  # times more peaked than the response: such an input looks like a response
+# number of samples that are examined; the faults of a stationary record show in them
+LOOKED_AT = 2**21
+LONGEST = 4  # number of segments for the finest resolution of the resonance
+CLEAR = 4.0  # A peak in the band is a resonance if it exceeds the band's median by this factor.
+RESOLVED = 1.5  # smallest width 2 zeta f_n of a resolved peak, in window widths 1 / T
+LOW_COHERENCE = 0.5  # smallest median coherence of the lines with response
+MASS_FACTOR = 3.0  # largest factor between estimated and stated modal mass; more means a wrong unit
+SEGMENTS = 8  # number of segments: few, but enough for a resonance to stand out of the spectra
+FLOOR = 1e-4  # Lines below this fraction of the largest density are outside the excitation.
+# An input whose spectrum is more peaked than the response's by this factor looks like a response.
+PEAKED = 10.0
 
 
 def doubts(
     record: Record, band_hz: tuple[float, float] | None, delay: float, per_unit: float | None
 ) -> Iterator[Fault]:
-    """Report doubts about a noise or multisine record: fs, band, channels, length, size, sign."""
+    """Yield warnings on a noise or multisine record: fs, band, channels, length, size, sign."""
     # `per_unit` is force per modal mass for one unit of the input: a gain [N/kg/V] or 1/m [1/kg].
     if not any(role in record.channels for role in INPUTS):
         return
     try:
         coarse, fine = (_frf(record, n, delay) for n in (SEGMENTS, LONGEST))
-    except DataError as error:  # a record of a few samples
+    except DataError as error:  # The record has only a few samples.
         yield doubt(record.response, error.what, error.why, error.remedy)
         return
-    # After each of these two faults the magnitude and the width of the FRF mean nothing.
+    # With one of these two faults, the FRF's magnitude and width mean nothing.
     broken = [*peaked_input(record.source, coarse), *_incoherent(record.response, coarse)]
     if broken:
         yield broken[0]
@@ -57,10 +59,11 @@ def doubts(
 
 
 def swapped(record: Record) -> Iterator[Fault]:
-    """Yield a warning if input and response of a sweep are swapped."""
+    """Yield a warning if input and response of a sweep are exchanged."""
     try:
         estimate = _frf(record, SEGMENTS, 0.0)
-    except DataError:  # too short, or no input at some frequencies: nothing to compare
+    # The record is too short or lacks input at some frequencies, so that nothing can be compared.
+    except DataError:
         return
     yield from peaked_input(record.source, estimate)
 
@@ -69,7 +72,7 @@ def _frf(record: Record, segments: int, delay: float) -> FRF:
     u, y = (record.channels[role][:LOOKED_AT] for role in (record.source, record.response))
     nperseg = len(u) // segments
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the checks below report the same faults
+        warnings.simplefilter("ignore")  # The checks that follow report the same faults.
         return frf(u, y, record.fs, response=record.response, nperseg=nperseg, delay=delay)
 
 
@@ -86,7 +89,7 @@ def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None)
     if band_hz is None or lines_within(np.array(peak), band_hz):
         return
     inside = density[lines_within(freq, band_hz)]
-    # A structure may have a stronger mode elsewhere, in addition to a clear one in the band.
+    # A structure may have a stronger mode outside the band, in addition to a clear one inside.
     if len(inside) > SEGMENTS and inside[1:-1].max() > max(
         CLEAR * np.median(inside), *inside[[0, -1]]
     ):
@@ -109,19 +112,19 @@ def _missized(
     omega = 2 * np.pi * freq
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     ratio = 1.0 if per_unit is None else seen / per_unit
-    if seen < 0 and in_band:  # without a band another mode may have the other sign
+    if seen < 0 and in_band:  # Without a band, this may be another mode, with the other sign.
         yield turned_over(role, seen)
     elif not 1 / MASS_FACTOR < ratio < MASS_FACTOR:
         yield doubt(role, *gain_messages.other_size(ratio))
 
 
 class SwappedChannels(Hypothesis):
-    """The exchange of input and response of one test."""
+    """The fault that input and response of a test are exchanged."""
 
     name = "swapped channels"
 
     def suspects(self, misfit: Misfit) -> Iterator[Cause]:
-        """Yield, by test, how well the mode predicts the input if it is really the response."""
+        """Yield, for each test, how well the mode predicts the input from the response."""
         for label in misfit.missed:
             spectrum, norm = misfit.spectra[label], np.linalg.norm
             modelled = spectrum.factor * spectrum.measured / stiffness(misfit.theta, spectrum.omega)
@@ -133,7 +136,7 @@ class SwappedChannels(Hypothesis):
 
 
 def peaked_input(source: str, estimate: FRF) -> Iterator[Fault]:
-    """Yield a warning if the spectrum of an input is far more peaked than that of its response."""
+    """Yield a warning if an input's spectrum is far more peaked than the response's spectrum."""
     lines = carried(estimate)
     if lines.sum() < SEGMENTS:
         return

@@ -1,4 +1,4 @@
-"""Checks whether tones, curves, loops and decays can be what their campaign file states."""
+"""Checks whether records of tones, curves, loops and decays fit what their campaign file states."""
 
 import warnings
 from collections.abc import Iterator, Sequence
@@ -14,7 +14,7 @@ from jbw.measurement.faults.clipping import offset
 from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
-from jbw.measurement.resonances import driven_lines, read_lines
+from jbw.measurement.resonances import DrivenLines, driven_lines, read_lines
 from jbw.quantities import derivative_order
 from jbw.report.messages import decay_faults as decay_messages
 from jbw.report.messages import response_faults as messages
@@ -22,33 +22,40 @@ from jbw.report.messages.message import first_of
 
 THIRD = 3  # highest harmonic order that is checked
 LISTED = 6  # tones named in a message
-ALONG = 0.3  # correlation of force and displacement: below it the force may be friction alone
-DEGREES = 20.0  # [rad]; a phase beyond three turns was probably written in degrees
+ALONG = 0.3  # correlation of force and displacement below which the force may be friction alone
+DEGREES = 20.0  # [rad]; a phase beyond three full turns was probably written in degrees
 FEWEST_LINES = 4
-MOVING = 0.3  # share of the usual amplitude below which a record from rest begins
-LOCKED = 0.2  # [rad]; a phase that a controller holds varies by less
-COHERENT = 0.8  # power of a first period that one tone explains; wide-band noise explains less
-LIKE = 2.0  # factor to peak or rms of a channel: a level further away belongs to no channel
+# A record that should start from rest moves if it begins above this fraction of its usual
+# amplitude.
+MOVING = 0.3
+LOCKED = 0.2  # largest variation of a phase that a controller holds [rad]
+# smallest fraction of a first period's power that one tone explains; wide-band noise explains less
+COHERENT = 0.8
+LIKE = 2.0  # largest factor between a stated level and the peak or rms of its channel
 NO_LEVEL = ("frequency", "phase", "time")
-# Share of the strongest line's frequency, to either side, within which lines belong to it.
+# Lines within this fraction of the strongest line's frequency, to either side, belong to it.
 ABOUT = 0.2
-WIDEST = 0.5  # half width of a band without neighbouring lines, relative to its line's frequency
-# height of another line relative to the strongest; number of lower lines to either side
+WIDEST = 0.5  # largest half width of a band, relative to the frequency of its line
+# smallest height of another line relative to the strongest, and the number of lower lines on either
+# side that make it a peak
 OTHER, PEAK_LINES = 3e-3, 2
-ELSEWHERE = 0.1  # share of a displacement's power beyond that of a single oscillator
-STANDS_OUT = 5.0  # times the median around: the largest of 1000 lines of noise is 3.2 times it
-FEW = 256  # samples of a displacement: fewer were probably read off a chart
+SURE = 3.0  # standard deviations of the noise's power
+ELSEWHERE = 0.1  # fraction of a displacement's power in excess of that of a single oscillator
+# A line stands out if it exceeds the median around it by this factor; the largest of 1000 lines of
+# noise reaches 3.2.
+STANDS_OUT = 5.0
+FEW = 256  # A displacement with fewer samples was probably read from a chart.
 PERIODS = 8  # smallest number of periods in a record for a line to count as a mode
 FEWEST_VALUES = 16  # smallest number of independent envelope values
-WIDENED = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)  # factors by which a band is widened
-LOWEST = 0.2  # smallest lower edge, relative to the centre of the band
-DECAYED = 0.9  # ratio of a decay's last quarter to its first: more is no decay
+WIDENED = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)  # factors by which a proposed band is widened
+LOWEST = 0.2  # smallest lower edge of a band, relative to its centre
+DECAYED = 0.9  # largest ratio of a decay's last quarter to its first; more is no decay
 
 
 def unsteady(
     record: Record, tones_hz: Sequence[float], settle: float, dwell: float | None
 ) -> Iterator[Fault]:
-    """Report tones, or steps of `dwell` seconds, not settled or with a weak third harmonic."""
+    """Yield faults of tones or steps that are not steady or have a weak third harmonic."""
     y, role, fs = record.channels[record.response], record.response, record.fs
     fitted, refused = [], []
     for i, tone in enumerate(tones_hz):
@@ -60,7 +67,7 @@ def unsteady(
         omega, also = 2 * np.pi * tone, [2 * np.pi * f for f in others]
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # the drift is reported as a finding instead
+                warnings.simplefilter("ignore")  # The drift is reported as a fault instead.
                 fitted.append(
                     harmonics(part, fs, omega, THIRD, response=role, start=settle, also=also)
                 )
@@ -71,7 +78,7 @@ def unsteady(
     if drifting := [fit for fit in fitted if fit.is_drifting]:
         largest = max(float(fit.drift) for fit in drifting)
         yield doubt(role, *messages.drifting(_named(drifting), largest))
-    # The third harmonic is used only of a probing test, in which all tones are present at once.
+    # The third harmonic is used only in probing tests, whose tones sound at the same time.
     third = [(abs(fit.amplitudes[-1]), float(np.sqrt(fit.variance[-1] / 2))) for fit in fitted]
     buried = [i for i, (size, std) in enumerate(third) if size < NOISE_FLOOR * std]
     if buried and dwell is None:
@@ -84,7 +91,7 @@ def _named(fitted: Sequence[Harmonics]) -> str:
 
 
 def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
-    """Report doubtful signs or units: work -pi F Im Y that is not positive, or a rising phase."""
+    """Yield faults of sign or unit: work -pi F Im Y that is not positive, or a rising phase."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
         yield refusal(role, *messages.few_lines(len(curve.freq_hz), FEWEST_LINES))
@@ -100,7 +107,7 @@ def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
         return
     falls = phase[-1] < phase[0]
     upright = curve if falls else curve._replace(response=np.conj(curve.response))
-    # The sum is over all lines; the resonance decides its sign.
+    # The sum contains all lines; those at the resonance decide its sign.
     takes_in = np.sum(-np.imag(displacement_of(upright)) * curve.source) > 0
     turn = f"scale = {{ {role} = -1.0 }}"
     wrong = [] if falls else [(messages.RISING_PHASE, "`conjugate = true`")]
@@ -118,7 +125,7 @@ def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
 
 
 def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
-    """Report a probable sign error: the force falls with displacement or supplies energy.
+    """Yield a fault if a sign is probably wrong: force falls with displacement or supplies energy.
 
     A force that rises with the displacement but supplies energy is delayed instead.
     """
@@ -127,7 +134,7 @@ def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
         return
     rises = float(np.corrcoef(y, force)[0, 1])
     work = float(np.trapezoid(force, y))
-    stored = float(np.ptp(force) * np.ptp(y)) / 8  # upper bound of the energy stored in a spring
+    stored = float(np.ptp(force) * np.ptp(y)) / 8  # largest energy that a spring can store
     if rises < -ALONG or (rises < ALONG and work <= -stored):
         yield doubt("displacement", *messages.loop_turned(rises, work))
 
@@ -150,7 +157,7 @@ def already_moving(record: Record, band: Sequence[float] | None, settle: float) 
     if constant := list(offset(record)):
         yield from constant
         return
-    # Zeros keep the filter from wrapping the end to the start.
+    # Zeros prevent the filter from mixing the end with the start.
     x = np.concatenate([x, np.zeros_like(x)])
     freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
     spectrum[~lines_within(freq, band or (0.0, fs)) | (freq == 0)] = 0
@@ -166,7 +173,7 @@ def already_moving(record: Record, band: Sequence[float] | None, settle: float) 
 
 
 def level_unlike(record: Record, level: float) -> Iterator[Fault]:
-    """Yield a warning if a level is near neither the peak nor the rms value of any channel."""
+    """Yield a warning if a stated level is far from the peak and rms values of all channels."""
     seen = {}
     for role, samples in record.channels.items():
         x = np.abs(samples[np.isfinite(samples)])
@@ -191,7 +198,7 @@ def bandless(record: Record, settle: float) -> Iterator[Fault]:
 
 
 def several_resonances(record: Record) -> Iterator[Fault]:
-    """Yield a warning if a driven record, without a stated band, contains several modes.
+    """Yield a warning if a driven record without a stated band contains several modes.
 
     The criterion is the power away from the strongest line, less the power that one oscillator has
     there under the same source.
@@ -203,33 +210,46 @@ def several_resonances(record: Record) -> Iterator[Fault]:
         return
     hz, power = lines.omega / (2 * np.pi), np.abs(lines.y) ** 2
     peak = float(hz[np.argmax(power * lines.omega**2)])
-    # Lines of white noise in the measured quantity have a power of median / ln 2 on average.
-    to_measured = lines.omega ** (2 * derivative_order(record.response))
-    noise = np.median(power * to_measured) / np.log(2) / to_measured
-    power = power - noise
+    noise = _white_noise(lines, derivative_order(record.response))
     ratio = hz / mode.frequency_hz
     of_mode = np.abs(lines.source / (1 - ratio**2 + 2j * mode.damping * ratio)) ** 2
     outside = ~lines_within(hz, _around_line(peak))
-    elsewhere, expected = (float(np.sum(p[outside]) / np.sum(p)) for p in (power, of_mode))
+    # The power of a line of noise varies by itself, so that the power outside is uncertain.
+    total = max(np.sum(power - noise), power.max())
+    least = np.sum((power - noise)[outside]) - SURE * np.linalg.norm(noise[outside])
+    expected = np.sum(of_mode[outside]) / np.sum(of_mode)
+    elsewhere = min(float(least / total), 1.0)
     if elsewhere - expected > ELSEWHERE:
         low, high = _in_two_digits(_around_line(peak))
         yield doubt(record.response, *messages.several_modes(elsewhere, low, high))
 
 
+def _white_noise(lines: DrivenLines, order: int) -> Reals:
+    """Return the power of white noise in each line of displacement; `order` is that measured.
+
+    Second differences of the ratio of response to drive contain noise and hardly any mode. The mean
+    power of lines of noise is their median over ln 2.
+    """
+    ratio = lines.y / lines.source
+    apart = (ratio[2:] - 2 * ratio[1:-1] + ratio[:-2]) * lines.source[1:-1]
+    measured = np.abs(apart * lines.omega[1:-1] ** order) ** 2 / 6
+    return np.median(measured) / np.log(2) / lines.omega ** (2 * order)
+
+
 def _around_line(peak_hz: float) -> tuple[float, float]:
-    """Return the band of frequencies [Hz] whose lines count as part of one line."""
+    """Return the frequencies [Hz] between which lines count as part of one line."""
     return (1 - ABOUT) * peak_hz, (1 + ABOUT) * peak_hz
 
 
 def _in_two_digits(band_hz: tuple[float, float]) -> tuple[float, float]:
-    """Round a band [Hz] to two digits for a proposal (never for computations)."""
+    """Round a band [Hz] to two digits for a proposal (not for computations)."""
     return float(f"{band_hz[0]:.2g}"), float(f"{band_hz[1]:.2g}")
 
 
 def band_about_peak(
     record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
 ) -> tuple[float, float]:
-    """Return the band to propose for a record: the band of `about_peak` in two digits [Hz]."""
+    """Return a band [Hz] about a record's strongest line, as a proposal rounded to two digits."""
     return _in_two_digits(about_peak(record, settle, within=within))
 
 
@@ -264,7 +284,7 @@ def about_peak(
 
 
 def height_within(record: Record, band: tuple[float, float]) -> float:
-    """Return the highest prominent spectral peak in a band, relative to the highest of all."""
+    """Return the highest spectral peak in a band, relative to the highest of the whole record."""
     freq, size, lowest = _lines(record, 0.0)
     standing = size[lowest:, 1]
     inside = lines_within(freq[lowest:], band)
@@ -273,7 +293,7 @@ def height_within(record: Record, band: tuple[float, float]) -> float:
 
 
 def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
-    """Return frequencies [Hz], lines of displacement (all, prominent) and the first reliable index.
+    """Return frequencies [Hz], all lines, only prominent lines, and the first reliable index.
 
     The first reliable line is above the lines of a drifting mean. A record of a few points, as read
     off a chart, may contain only two or three periods; a straight line is then subtracted instead,
@@ -287,7 +307,7 @@ def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
         x = x - np.polyval(np.polyfit(place, x, 1), place)
         lowest = min(2, lowest)
     freq = np.fft.rfftfreq(len(x), 1 / record.fs)[1:]
-    # Compare lines as displacement, of which the joint's mode is the largest part.
+    # Lines are compared as displacements, in which the joint's mode is strongest.
     measured = np.abs(np.fft.rfft(x * np.hanning(len(x)))[1:])
     size = measured / freq ** derivative_order(record.response)
     stands_out = measured > STANDS_OUT * _around(freq, measured)
@@ -304,7 +324,7 @@ def _around(freq: Reals, size: Reals) -> Reals:
 
 
 def too_short(record: Record, band: tuple[float, float], settle: float) -> Iterator[Fault]:
-    """Yield an error if a record has too few independent values in its band."""
+    """Yield an error if a record's band contains too few independent values."""
     size = record.num_samples - round(settle * record.fs)
     count = _num_values(band, size, record.fs)
     if count >= FEWEST_VALUES:

@@ -1,4 +1,4 @@
-"""A decay that jumps to another state: hit by a second blow, or with missing samples."""
+"""A decay that jumps to another state, because of a second blow or missing samples."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -13,32 +13,32 @@ from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.message import FaultText
 
 PLACES = 60  # candidate places of a jump
-APART = 0.1  # smallest distance of the two tried times, relative to the record's length
-LOUD = 6.0  # noise amplitudes; a quieter envelope is not searched
-LEAST = 0.05  # smallest jump of ln a and the phase [rad] combined
-GREW = 0.2  # jump of ln a above which missing samples cannot be the cause
+APART = 0.1  # smallest distance between the two tried times, relative to the record's length
+LOUD = 6.0  # Only envelopes above this multiple of the noise are searched.
+LEAST = 0.05  # smallest jump that is reported: of ln a and the phase [rad] combined
+GREW = 0.2  # largest jump of ln a that missing samples can cause
 GROWTH = (-1.5, 8.0)  # range of plausible jumps of ln a
-ENDS = 0.02  # share of the record at either end where a jump cannot be seen
+ENDS = 0.02  # fraction of the record at either end in which a jump cannot be seen
 
 
 class SecondBlow(Hypothesis):
-    """A jump of a decay from one state to another: its time, jumps of log amplitude and phase."""
+    """A jump of a decay from one state to another: time, jumps of log amplitude and phase."""
 
     name = "second blow"
 
     def causes(self, fits: Any, basis: str) -> Iterator[DecayCause]:
-        """Yield jumps at the two times where the logarithm of the envelope changes most."""
+        """Yield jumps at the two times at which the log envelope changes most."""
         if isinstance(fits, DecayFits):
             yield from map(DecayCause, _places(fits))
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether the jump is within the record and changes size or phase by 5 % or more."""
+        """Return whether a jump is inside the record and changes the motion by at least 5 %."""
         place, growth, turn = values
         size = np.hypot(growth, np.angle(np.exp(1j * turn)))
         return ENDS < place < 1 - ENDS and GROWTH[0] < growth < GROWTH[1] and size > LEAST
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
-        """Return the fault: time and size of the jump, and a remedy that excludes what follows."""
+        """Return the text on a jump: time, size, and a remedy that keeps what precedes it."""
         place, growth, turn = values
         signal = fits.signal
         at = facts.settle_s + signal.begins + float(place) * float(signal.time[-1])
@@ -48,7 +48,7 @@ class SecondBlow(Hypothesis):
 
 
 def _places(fits: DecayFits) -> list[Reals]:
-    """Return starting values for jumps, at the times where a step best explains ln amplitude."""
+    """Return starting values of jumps, for the times at which a step best explains ln amplitude."""
     signal, linear = fits.signal, fits.fits["linear"].theta
     size, count = signal.size, len(signal.z)
     loud = np.flatnonzero(size > LOUD * max(signal.tail, 1e-4 * size.max()))

@@ -27,16 +27,18 @@ from jbw.report.messages import causes
 from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.message import FaultText
 
-LEAST = 0.02  # smallest amplitude, relative to that of the first mode at the start
-DAMPINGS = (0.2, 6.0)  # range of a mode's damping, relative to that of the first mode
-NEAREST = 2.0  # smallest distance to the first mode in a sweep, in damping rates of the first
-# Distance in damping rates of the first mode, if the second is within the first mode's line.
+LEAST = 0.02  # smallest amplitude of the second mode, relative to the first mode's at the start
+DAMPINGS = (0.2, 6.0)  # range of the second mode's damping ratio, relative to that of the first
+NEAREST = 2.0  # smallest distance of the modes in a sweep, in damping rates of the first mode
+# Distance of the modes, in damping rates of the first, within which they beat.
 BEAT = 4.0
-# Largest change of the first mode's frequency and damping due to a narrower band, relative to its
-# damping.
+# largest change of the first mode's frequency and damping in a narrower band, relative to its
+# damping
 MOVED = 0.1
-NUM_PLACES, TRIED_DAMPINGS = 96, (0.003, 0.01, 0.03)  # modes that are tried near a fit
-APART = 0.05  # relative distance in frequency from which a mode is not the joint's own
+# number of frequencies and dampings of additional modes that are tried near a fit
+NUM_PLACES, TRIED_DAMPINGS = 96, (0.003, 0.01, 0.03)
+# smallest relative distance in frequency of an additional mode from the joint's own mode
+APART = 0.05
 
 
 class SecondMode(Hypothesis):
@@ -56,20 +58,20 @@ class SecondMode(Hypothesis):
             yield _in_sweep(fits, away)
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a sweep passes the mode; for a decay, whether it beats and exceeds 2 %."""
+        """Return whether a sweep passes the second mode, or a decay clearly beats with it."""
         low, high = DAMPINGS
         if isinstance(fits, SweepFits):
             rate = fits.signal.rate
             second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
             passed = low < abs(values[0]) < high and rate.min() < second < rate.max()
-            # A nearer mode would be the first one, rotated by a lag.
+            # A nearer mode would be the first mode itself, with a lag.
             return bool(passed and abs(float(values[1])) > NEAREST)
-        # If nearer than the sum of both damping rates, one mode has decayed before they beat.
+        # If the modes are closer than the sum of their damping rates, one decays before they beat.
         beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))
         return beats and low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
-        """Return the fault: both frequencies, and a band without the second mode if there is one.
+        """Return the text on a second mode: both frequencies, and a band that excludes it.
 
         That band is tried on a decay: what it leaves of the second mode, or eats of the record,
         must not move the first.
@@ -83,7 +85,7 @@ class SecondMode(Hypothesis):
         return messages.second_mode(first, second, narrower, driven=driven)
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield a second mode at each of many driven frequencies away from the joint's mode."""
+        """Yield a second mode at each of many driven frequencies away from the joint's own mode."""
         driven = _driven(misfit)
         if len(driven):
             places = np.geomspace(driven.min(), driven.max(), NUM_PLACES)
@@ -92,7 +94,7 @@ class SecondMode(Hypothesis):
 
 
 def modes_at(misfit: Misfit, places: Iterable[float]) -> Iterator[Suspect]:
-    """Yield possible additional modes at given frequencies [rad/s], each with typical dampings."""
+    """Yield possible additional modes at given frequencies [rad/s], with several dampings each."""
     first, driven = misfit.theta["omega_n"] / (2 * np.pi), _driven(misfit) / (2 * np.pi)
     for omega in map(float, places):
         second = omega / (2 * np.pi)
@@ -117,14 +119,14 @@ def _near_fit(misfit: Misfit, omega: float, zeta: float, text: FaultText) -> Sus
 
 
 def _beside(first: float, second: float, band: tuple[float, float]) -> tuple[float, float]:
-    """Return the part of a band [Hz] about the first mode that ends midway to the second."""
+    """Return a band [Hz] about the first mode that ends midway between both modes."""
     middle = 0.5 * (first + second)
     low, high = (band[0], middle) if second > first else (middle, band[1])
     return float(f"{low:.4g}"), float(f"{high:.4g}")
 
 
 def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
-    """Return whether a decay, filtered to a band, has the first mode of the fit with two modes."""
+    """Return whether a narrower band keeps the first mode as fitted together with the second."""
     fits = decay_fits(facts.record, band_hz, facts.settle_s)
     if fits is None:
         return False
@@ -181,7 +183,7 @@ class OutsideModes(Hypothesis):
     name = "modes outside the band"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the columns of a compliance and a mass that represent modes outside the band."""
+        """Yield columns of a compliance and a mass that represent modes outside the band."""
         columns = {}
         for label, spectrum in misfit.spectra.items():
             stiff, squares = spectrum.factor * spectrum.source, spectrum.omega**2

@@ -1,4 +1,4 @@
-"""A line that does not decay or that the drive does not cause: hum, or a running machine."""
+"""A line that neither decays nor follows the drive: mains hum, or a running machine."""
 
 from collections.abc import Iterator
 
@@ -17,35 +17,37 @@ from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal
 from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.message import FaultText
 
-LEAST = 2e-3  # share of the initial amplitude below which a line affects no reading
-SPOILS = 0.01  # share of the initial amplitude; readings a decade below have an error of 10 %
-STANDS_OUT = 60.0  # times the local median of a sweep's residual
+# fraction of the initial amplitude below which a line does not affect frequency and damping
+LEAST = 2e-3
+# largest line, relative to a decay's start; once the decay is down to a tenth, the error is 10 %
+SPOILS = 0.01
+STANDS_OUT = 60.0  # smallest height above the local median of a sweep's residual
 
 
 class UndecayingLine(Hypothesis):
-    """A steady line: amplitude, phase and frequency."""
+    """A line of constant amplitude: amplitude, phase and frequency."""
 
     name = "steady line"
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
-        """Yield an undecaying line at the strongest frequency of the residual of the given fit."""
+        """Yield a line at the frequency at which the residual of the given fit is strongest."""
         residual = fits.fits[basis].residual
         yield (
             _in_decay(fits, residual) if isinstance(fits, DecayFits) else _in_sweep(fits, residual)
         )
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether the line exceeds 0.2 % of the decay or stands out of the residual."""
+        """Return whether the line exceeds 0.2 % of a decay, or stands out of the residual."""
         if self.turn(values, fits) <= -2 * np.pi * fits.signal.centre_hz:
-            return False  # the image of the mode's own oscillation
+            return False  # This is the mirror image of the mode's own oscillation.
         if isinstance(fits, SweepFits):
             return remainder(fits).line > STANDS_OUT
         return self.share(values, fits) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
-        """Return the fault to report: frequency and size of the steady line."""
+        """Return the text on a steady line: its frequency and size."""
         hz = fits.signal.centre_hz + self.turn(values, fits) / (2 * np.pi)
-        # Use enough digits to distinguish neighbouring lines of the record's spectrum.
+        # The digits suffice to distinguish neighbouring lines of the record's spectrum.
         periods = abs(hz) * facts.record.num_samples / facts.record.fs
         digits = max(4, 1 + int(np.ceil(np.log10(periods))))
         named = f"{hz:.{digits}g}"
@@ -58,13 +60,13 @@ class UndecayingLine(Hypothesis):
         return isinstance(fits, DecayFits) and self.share(values, fits) > SPOILS
 
     def share(self, values: Reals, fits: DecayFits) -> float:
-        """Return the line's amplitude before filtering, relative to the decay's at its start."""
+        """Return the line's amplitude before filtering, relative to the initial amplitude."""
         mode = float(fits.fits["linear"].theta[3]) * fits.scale
         passed = fits.signal.passed(mode) / fits.signal.passed(self.turn(values, fits))
         return float(np.hypot(values[0], values[1])) * passed
 
     def turn(self, values: Reals, fits: Fits) -> float:
-        """Return the line's frequency relative to the centre of the band [rad/s]."""
+        """Return the line's angular frequency relative to the centre of the band [rad/s]."""
         if isinstance(fits, DecayFits):
             return float(values[2]) / fits.signal.time[-1] * 2 * np.pi
         return float(values[0]) / float(np.ptp(fits.signal.time)) * 2 * np.pi

@@ -1,4 +1,4 @@
-r"""Measurement errors as columns near a fit: how a unit of an error changes the compared data.
+r"""Possible errors of measurement, each with columns: the change of the data per unit of error.
 
 A suspect is a possible error that changes the data by columns D near the fit, in addition to the
 parameters' own J. One Gauss-Newton step with D, and one without, show how much of the misfit it
@@ -18,13 +18,13 @@ from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.residual_spectra import Row, Spectrum, real_rows
 from jbw.report.messages.message import FaultText
 
-DRIVEN = 0.1  # input lines above this share of the largest count as driven
+DRIVEN = 0.1  # Input lines above this fraction of the largest line count as driven.
 
 Columns = Float[np.ndarray, "value column"]
 
 
 class Misfit(NamedTuple):
-    """A fit whose residual exceeds the noise.
+    """A fit whose residual exceeds noise.
 
     Attributes:
         spectra: Values, residual and spectra of each group, by label.
@@ -39,13 +39,13 @@ class Misfit(NamedTuple):
     slopes: Mapping[str, Mapping[str, Row]] = {}
 
     def error(self, label: str) -> float:
-        """Return the residual of a data group relative to its values."""
+        """Return the residual of a data group, relative to the size of its data."""
         spectrum = self.spectra[label]
         return float(np.linalg.norm(spectrum.residual) / np.linalg.norm(spectrum.values))
 
 
 class Suspect(NamedTuple):
-    """A possible cause of misfit, given by the columns by which it changes the data near the fit.
+    """A possible cause of a residual, given by the columns with which it changes the data.
 
     Attributes:
         columns: Derivatives of the data with respect to the error's sizes, by label of the group.
@@ -61,7 +61,7 @@ class Suspect(NamedTuple):
 
 
 class Cause(NamedTuple):
-    """A possible cause of the misfit, and the share of the misfit that it would explain.
+    """A possible cause of a residual, and the fraction of the residual that it would explain.
 
     Attributes:
         text: What is wrong, why it matters and what to do.
@@ -77,12 +77,12 @@ class Cause(NamedTuple):
 
 
 def as_columns(*rows: Row) -> Columns:
-    """Return rows as columns of a real array; imaginary parts follow below the real parts."""
+    """Return rows as columns of a real array, with imaginary parts below real parts."""
     return real_rows(np.stack(rows, axis=1))
 
 
 def in_time(spectra: Mapping[str, Spectrum]) -> dict[str, Spectrum]:
-    """Return the data groups that are compared sample by sample, not line by line."""
+    """Return the data groups that are compared sample by sample instead of line by line."""
     return {label: s for label, s in spectra.items() if not np.iscomplexobj(s.values)}
 
 

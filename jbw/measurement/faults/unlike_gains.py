@@ -24,10 +24,10 @@ from jbw.report.messages import causes
 from jbw.report.messages import gain_faults as messages
 from jbw.report.messages.message import FaultText
 
-# Distance from -1, the gain of a base's acceleration for one mode, read to 4 % or better.
+# largest distance of a gain from -1; -1 is the gain for a base's acceleration
 BASE = 0.1
-LARGER = 1.5  # ratio to the median; no joint changes a modal mass that much
-TURNED = 0.2  # distance from -1 within which a factor is a reversed sign
+LARGER = 1.5  # largest ratio to the median gain; no joint changes a modal mass by more
+TURNED = 0.2  # distance from -1 within which a factor means a reversed sign
 CLOSE = 0.03  # relative distance within which a factor is a ratio of units
 UNITS = {
     1e-3: "thousandths", 1e3: "thousands", 1e-6: "millionths", 1e6: "millions",
@@ -35,18 +35,19 @@ UNITS = {
     1 / (2 * np.pi): "rad/s for Hz", 2**0.5: "rms for peak", 0.5**0.5: "rms for peak",
     0.0254: "inches", 1 / 0.0254: "inches",
 }  # fmt: skip
-NEAR_PEAK = 0.3  # share of the largest response from which lines belong to the resonance
-LEAST_LINES = 6  # lines near a resonance that the separate gain of one group needs
-FAR_OFF = 3.0  # ratio of gains from which a unit or sign is wrong; softening does not reach it
+NEAR_PEAK = 0.3  # Lines above this fraction of the largest response belong to the resonance.
+# smallest number of lines near a resonance from which one group's gain is determined
+LEAST_LINES = 6
+FAR_OFF = 3.0  # ratio of gains that only a wrong unit or sign explains; softening does not reach it
 
 
 class UnlikeGain(Hypothesis):
-    """The gain of one test relative to that of the others: a wrong sign, unit or factor."""
+    """The fault that one test's gain differs from the others' by a sign, unit or factor."""
 
     name = "sign or gain"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield the test whose own gain differs from the others', or a factor for each test.
+        """Yield the test whose separate gain differs from the others', or a factor for each.
 
         A step from a fit that is far from all tests is unreliable.
         """
@@ -61,7 +62,7 @@ def _factor(label: str, spectrum: Spectrum) -> Suspect:
 
 
 def unlike(factor: float, source: str, test: str = "") -> FaultText:
-    """Return the text on a test or repeat whose gain is `factor` times that of the other tests."""
+    """Return the text on a test or repeat whose gain is `factor` times that of the others."""
     if abs(factor + 1) < TURNED:
         return messages.other_sign(source, test)
     close = (pair for pair in UNITS.items() if abs(abs(factor) / pair[0] - 1) < CLOSE)
@@ -70,14 +71,13 @@ def unlike(factor: float, source: str, test: str = "") -> FaultText:
 
 
 def _apart(misfit: Misfit) -> Iterator[Cause]:
-    """Yield the data group whose own gain differs from the others' in sign or magnitude."""
+    """Yield the data group whose separate gain differs from the others' in sign or size."""
     fits = {n: pair for n, s in misfit.spectra.items() if (pair := _alone(s)) is not None}
     missed = [label for label in misfit.missed if label in fits]
     if len(fits) < 2 or not missed:
         return
-    # Compare each gain with the median of the others in sign and magnitude. If there are only two,
-    # it
-    # cannot be determined which is wrong.
+    # Each gain is compared with the median of the others in sign and size. With only two, it cannot
+    # be determined which is wrong.
     ratios = {
         label: gain / np.median([other for n, (other, _) in fits.items() if n != label])
         for label, (gain, _) in fits.items()
@@ -107,7 +107,7 @@ def _alone(spectrum: Spectrum) -> tuple[float, float] | None:
 def unlike_gains(
     gains: Sequence[tuple[str, float]], role: str, source: str
 ) -> Iterator[tuple[str, Fault]]:
-    """Yield repeats by name, each with a warning that one of its channels has a wrong sign or unit.
+    """Yield repeats by name, each with a warning that a channel has a wrong sign or unit.
 
     A force that is measured at the mode's own point drives it with a positive gain, one over a
     modal mass.
@@ -157,18 +157,18 @@ def unlike_tests(
 
 
 def turned_over(role: str, gain: float) -> Fault:
-    """Return a warning that the response moves against its drive, because its gain is negative."""
+    """Return a warning that the response moves against its drive, as the negative gain shows."""
     is_base = role == "acceleration" and abs(gain + 1) < BASE
     return doubt(role, *(messages.base_motion(gain) if is_base else messages.negative_gain(role)))
 
 
 class OwnFrequencies(Hypothesis):
-    """A separate natural frequency and damping ratio of each test, from derivatives at the fit."""
+    """The fault that each test has a separate natural frequency and damping ratio."""
 
     name = "natural frequency of tests"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield the columns of each test's separate natural frequency and damping."""
+        """Yield columns that state how separate frequencies and damping change the data."""
         slopes, count = misfit.slopes, len(misfit.slopes)
         if len(misfit.spectra) < 2 or not slopes:
             return

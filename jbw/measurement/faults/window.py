@@ -1,4 +1,4 @@
-r"""An exponential window: a record was multiplied by exp(-t / tau), so that its noise decays too.
+r"""An exponential window, by which an analyser multiplied a record: its noise then decays too.
 
 $$\log P(t, f) = c(f) - 2 t / \tau$$
 
@@ -19,23 +19,24 @@ from jbw.measurement.faults.hypothesis import Facts, Fits, Hypothesis
 from jbw.measurement.readings.decay import DecayFits
 from jbw.report.messages import decay_faults as messages
 
-SURE = 8.0  # standard errors by which the fall must differ from zero
-# Smallest number of frames in time and of lines in frequency for the noise power against time.
+SURE = 8.0  # number of standard errors by which the noise's rate of decay must exceed zero
+# Smallest numbers of frames in time and of lines in frequency for the noise power over time.
 FRAMES, LINES_OF_NOISE = 10, 10
 APART = 3  # distance of lines that are independent under a Blackman-Harris window
-# Groups of frequencies, in which windowed noise falls equally; smallest number of lines in each.
+# Number of groups of frequencies, in all of which windowed noise decays equally; smallest number of
+# lines in each.
 GROUPS, LEAST_OF_GROUP = 4, 5
 SCATTERED = 0.67  # largest ratio of the lower quartile of the noise's lines to their median
-ALIKE = 1e-3  # smallest probability of the variation between groups and along time
-# Share of the mode's own decay rate; noise that falls faster is the skirt of the mode.
+ALIKE = 1e-3  # smallest p-value of the variation between groups and over time
+# Noise that decays faster than this multiple of the mode's power belongs to the mode.
 OF_MODE = 0.95
-# Smallest rms of noise in converter steps. With less, the rounding error changes with the motion:
-# noise of half a step before rounding has 0.58 after it, whatever the motion.
+# Smallest rms of noise in converter steps. With less noise, the rounding error changes with the
+# motion; noise of half a step before rounding has 0.58 steps after it, whatever the motion.
 CONVERTED = 0.55
 
 
 class Window(Hypothesis):
-    """The time constant of an exponential window, from the noise outside the band."""
+    """The time constant of an exponential window, determined from noise outside the band."""
 
     name = "exponential window"
 
@@ -55,7 +56,7 @@ class Window(Hypothesis):
 def window_constant(
     x: Reals, fs: float, outside_hz: tuple[float, float], decay_rate: float, quantum: float
 ) -> tuple[float, float] | None:
-    """Return the time constant of a window and its standard error [s]; None if there is no window.
+    """Return a window's time constant and its standard error [s]; None if there is no window.
 
     Args:
         x: Samples of the decay.
@@ -85,16 +86,16 @@ def window_constant(
     count = len(spectra) // len(groups)
     # The median of n exponential variables has the relative variance 1 / (n ln^2 2).
     variance = 1 / (count * np.log(2) ** 2)
-    # Noise varies about its median, whereas the skirt of a strong line is smooth. Low values show
-    # the difference: the lower quartile of an exponential variable is 0.415 of its median.
+    # Noise varies about its median, but the flank of a strong line is smooth. Low values show the
+    # difference: the lower quartile of an exponential variable is 0.415 of its median.
     quartiles = np.array([np.log(np.quantile(group, 0.25, axis=0)) for group in groups])
     if np.mean(quartiles - logs) > np.log(SCATTERED):
         return None
-    # Frames overlap by half, so that every second one is independent.
+    # Frames overlap by half, so that every second one is independent of the others.
     logs, time = logs[:, ::2], time[::2]
     rate, error, chance = _fall_of(logs, time, variance)
     if chance < ALIKE:
-        # With few lines, other modes take up more of them than a median tolerates.
+        # If there are few lines, other modes may fill more of them than a median tolerates.
         modal = int(np.argmax([group.max() for group in groups]))
         rate, error, chance = _fall_of(np.delete(logs, modal, axis=0), time, variance)
     is_sure = SURE * error <= rate <= OF_MODE * 2 * decay_rate
@@ -106,7 +107,7 @@ def window_constant(
 def _fall_of(
     logs: Float[np.ndarray, "group frame"], time: Reals, variance: float
 ) -> tuple[float, float, float]:
-    """Return the common rate of fall of log noise power in all groups of frequencies [1/s].
+    """Return the rate at which log noise power falls in all groups of frequencies [1/s].
 
     Its standard error and the probability of its misfit follow.
     """

@@ -1,1 +1,1 @@
-"""Readers of file formats, one each, and one entry point that checks what was read."""
+"""Readers of file formats, one module each, and one function that reads and checks any file."""

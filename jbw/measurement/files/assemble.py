@@ -1,4 +1,4 @@
-"""Conversion of the arrays of an open file to records: repeats, rate, units and provenance."""
+"""Conversion of an open file's arrays to records: repeats, rate, units and provenance."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -37,13 +37,15 @@ from jbw.memory import MAX_BYTES, VALUE, Admit, admit_all
 from jbw.report.messages import reading as messages
 from jbw.units import TORSION, decibels, factor_of, is_voltage, plain, si_unit
 
-LARGEST_GAIN = 30.0  # largest exponent: a gain of 1e13, beyond the resolution of any converter
+# largest exponent of a removed window: a gain of 1e13, beyond any converter's resolution
+LARGEST_GAIN = 30.0
 TURNING = {si_unit(quantity) for quantity in TORSION}
-CENTRED = (*INPUTS, BASE, *RESPONSES, "restoring_force")  # roles whose mean may be removed
+# roles of channels whose mean may be removed
+CENTRED = (*INPUTS, BASE, *RESPONSES, "restoring_force")
 
 
 class _Channels(NamedTuple):
-    """Channels by role, as they were read from a file.
+    """Channels by role, as read from a file.
 
     Attributes:
         rows: Repeats of each channel in SI units.
@@ -56,14 +58,14 @@ class _Channels(NamedTuple):
     done: Mapping[str, str]
 
     def beside(self, other: "_Channels") -> "_Channels":
-        """Return these channels merged with others, which replace channels of the same role."""
+        """Return these channels merged with others, which take precedence."""
         return _Channels(
             {**self.rows, **other.rows}, {**self.units, **other.units}, {**self.done, **other.done}
         )
 
 
 class _Clock(NamedTuple):
-    """The rate at which samples of a file are taken [Hz], which ones, and whether to resample."""
+    """The sampling rate of a file [Hz], the samples to read, and whether to resample."""
 
     fs: float
     part: slice
@@ -74,11 +76,11 @@ class _Clock(NamedTuple):
 def records_of(
     contents: Contents, path: Path, request: Wanted, digest: str, admit: Admit = admit_all
 ) -> tuple[Record, ...]:
-    """Return an open file's records in SI, one per repeat; provenance lists the changes made."""
+    """Return an open file's records in SI, one per repeat; the provenance lists all changes."""
     sources = _sources(contents, request)
     clock, rate_source = _clock(contents, sources, request)
     samples, channels = _size(contents, sources, request, clock)
-    if samples * VALUE <= MAX_BYTES:  # longer channels are refused by name when they are read
+    if samples * VALUE <= MAX_BYTES:  # longer channels are rejected by name when they are read
         admit(samples, channels, path.name)
     whole = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
     read = _Channels({}, {}, {**whole, **contents.notes})
@@ -100,7 +102,7 @@ def records_of(
         read = read.beside(_Channels({}, {}, {SPAN: span_words(request.span)}))
     rows = _of_one_length(read.rows) if clock.is_resampled else read.rows
     if "frequency" in rows and all(row[0] == 0 for row in rows["frequency"]):
-        # Analysers export the mean as a line at 0 Hz, where no response is measured.
+        # Analysers export the mean as a line at 0 Hz, at which no response is measured.
         rows = {role: [row[1:] for row in each] for role, each in rows.items()}
         read = read.beside(_Channels({}, {}, {"line at 0 Hz": "left out"}))
     return _repeats(rows, Record(clock.fs, {}, dict(read.units), path.name, dict(read.done)))
@@ -109,7 +111,7 @@ def records_of(
 def _clock(
     contents: Contents, sources: Mapping[str, list[Leaf]], request: Wanted
 ) -> tuple[_Clock, str]:
-    """Return the rate and the samples to read, and a description of where the rate comes from."""
+    """Return the rate and samples to read, and a description of the rate's origin."""
     is_resampled = bool(request.resample) and "frequency" not in sources
     fs, rate_source, part = (
         (request.resample, messages.resampled_to(request.resample), WHOLE)
@@ -123,7 +125,7 @@ def _clock(
 def _size(
     contents: Contents, sources: Mapping[str, list[Leaf]], request: Wanted, clock: _Clock
 ) -> tuple[int, int]:
-    """Return the number of samples per record and the number of channels, from the file's shapes.
+    """Return the number of samples per record and of channels, from the shapes in the file.
 
     Channels that are resampled from an unknown rate count with zero samples.
     """
@@ -141,7 +143,6 @@ def _size(
 
 
 def _is_curve(role: str, sources: Mapping[str, list[Leaf]]) -> bool:
-    """Return whether a role is a response at each frequency."""
     return "frequency" in sources and role in RESPONSES
 
 
@@ -152,7 +153,7 @@ def _channel(
     request: Wanted,
     clock: _Clock,
 ) -> tuple[_Channels, str]:
-    """Return one role's repeats in SI, and the source by which a response is divided, if any."""
+    """Return a role's repeats in SI, and the source by which a response is divided, if any."""
     items, is_curve, done = sources[role], _is_curve(role, sources), {}
     unit, against = _unit(role, items[0].unit, request)
     reference, unit = decibels(unit) or (0.0, unit)
@@ -172,7 +173,7 @@ def _channel(
     if reference:
         rows = [reference * 10 ** (_of_amplitudes(row, role, is_curve) / 20) for row in rows]
         done[f"decibels of {role}"] = f"0 dB is {reference:g} {unit}"
-    # Most files are in SI units already, which saves copying a long record.
+    # Most files are in SI units already; this saves a copy of a long record.
     rows = rows if factor == 1.0 else [row * factor for row in rows]
     if items[0].start_s is not None:
         done[f"start of {role}"] = f"{items[0].start_s:.9g} s"
@@ -186,7 +187,7 @@ def _channel(
 
 
 def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels) -> _Channels:
-    """Return the constant source of amplitude 1 for a response stated per unit of the source."""
+    """Return a source of constant amplitude 1, for a response stated per unit of the source."""
     if any(role in sources for role in INPUTS):
         raise DataError(
             f"the response is per unit of excitation, but `{source}` is given too.",
@@ -211,7 +212,7 @@ def _parted(role: str, sources: Mapping[str, list[Leaf]], rows: Repeats) -> _Cha
 def _cleared(
     rows: Repeats, role: str, fs: float, first: int, request: Wanted
 ) -> tuple[Repeats, dict[str, str]]:
-    """Remove means, window and steady lines from rows as requested; return also a description.
+    """Remove mean, window and steady lines as requested; return the rows and a description.
 
     The rows begin with sample `first` of their record.
     """
@@ -231,7 +232,7 @@ def _cleared(
 
 
 def _of_one_length(channels: Mapping[str, Repeats]) -> dict[str, Repeats]:
-    """Cut resampled channels to the length of the shortest channel."""
+    """Cut all resampled channels to the length of the shortest one."""
     size = min(len(row) for rows in channels.values() for row in rows)
     return {role: [row[:size] for row in rows] for role, rows in channels.items()}
 
@@ -262,7 +263,7 @@ def _require_one_motion(units: Mapping[str, str]) -> None:
 
 
 def unwindowed(x: Reals, tau: float, first: int) -> Reals:
-    r"""Return samples with an analyser's exponential window removed, $x(t) e^{t / \tau}$.
+    r"""Remove an analyser's exponential window: $x(t) e^{t / \tau}$.
 
     The window starts at the record's first sample; `x` starts `first` samples later. `tau` is the
     time constant of the window in samples.
@@ -278,7 +279,7 @@ def unwindowed(x: Reals, tau: float, first: int) -> Reals:
 
 
 def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, ...]:
-    """Return one record per repeat; a channel given once is shared by all repeats."""
+    """Return one record per repeat; a channel that occurs once is shared by all repeats."""
     counts = {role: len(rows) for role, rows in channels.items()}
     number = max(counts.values(), default=0)
     if any(count not in (1, number) for count in counts.values()):
@@ -298,7 +299,7 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
 
 
 def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
-    """Return a role's unit, and the file's unit if the caller's unit replaces it.
+    """Return a role's unit, and the file's own unit if the caller replaces it.
 
     The caller's unit must not contradict the file's unless `units_are` is "mine".
     """
@@ -319,11 +320,11 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
     contradicts = bool(stated_unit and stated) and plain(stated_unit) != plain(stated)
     if contradicts and request.units_are == "mine":
         return stated_unit, stated
-    # A file only says that its values are decibels; the campaign says what 0 dB stands for.
+    # If a file only says that values are decibels, the campaign says what 0 dB stands for.
     if contradicts and not (plain(stated).lower() == "db" and not bare):
         remedy = messages.MINE
         if is_voltage(stated) and role in SENSITIVITIES:
-            # A factor next to the unit is the calibration of one volt.
+            # With a factor besides the unit, the factor is the calibration of one volt.
             example = f"1 V/{stated_unit}" if role in request.scale else SENSITIVITIES[role]
             line = toml_table({**request.sensitivity, role: example})
             remedy = messages.of_sensor(line, is_scaled=role in request.scale)
@@ -382,7 +383,7 @@ def _sources(contents: Contents, request: Wanted) -> dict[str, list[Leaf]]:
 
 
 def joined(parts: Sequence[Sequence[Record]]) -> tuple[Record, ...]:
-    """Return the records whose channels come from several files, merged repeat by repeat."""
+    """Return records whose channels come from several files, merged repeat by repeat."""
     heads = [part[0] for part in parts]
     if len({len(part) for part in parts}) != 1:
         listed = ", ".join(f"{part[0].name} has {len(part)}" for part in parts)

@@ -1,4 +1,4 @@
-"""Parsing of table cells that are no plain number: lost samples, grouped digits, dates, times."""
+"""Parsing of table cells that are no plain numbers: lost samples, grouped digits, dates, times."""
 
 import re
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ import numpy as np
 
 from jbw.measurement.channels import Reals
 
-# Words, in lower case, that recorders write in place of a lost sample.
+# Words, in lower case, that recorders write instead of a lost sample.
 LOST = frozenset(
     ("", "-", "--", "---", "*", "nan", "n/a", "na", "#n/a", "null", "none", "nil", "ovl", "ovld",
      "overload", "ovf", "overflow", "over", "missing", "lost", "invalid", "no data", "err",
@@ -21,7 +21,7 @@ CLOCK = r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?\s*([AaPp][Mm])?(?:Z|
 DATES = (r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})", r"(\d{1,2})[./-](\d{1,2})[./-](\d{4}|\d{2})")
 STAMP = re.compile(rf"(?:(?:{DATES[0]}|{DATES[1]})(?:[ T,;_]+|$))?(?:{CLOCK})?")
 DAY = 86400.0
-DIGITS = 9  # most decimals of a second in a time stamp
+DIGITS = 9  # largest number of decimals of the second in a time stamp
 
 
 def is_lost(text: str) -> bool:
@@ -30,7 +30,7 @@ def is_lost(text: str) -> bool:
 
 
 def ungrouped(text: str, decimal: str) -> str:
-    """Return a number as text without thousands separators and with a decimal point."""
+    """Return the text of a number without thousands separators, with a decimal point."""
     if GROUPED[decimal].fullmatch(text):
         return re.sub(r"[.' ]" if decimal == "," else r"[,' ]", "", text).replace(",", ".")
     if decimal == ",":
@@ -39,7 +39,7 @@ def ungrouped(text: str, decimal: str) -> str:
 
 
 def stamp(text: str) -> tuple[int, float] | None:
-    """Parse a date, a time of day, or both into a day and its seconds; None for other text."""
+    """Parse a date, a time of day or both into day number and seconds; None for other text."""
     if ":" not in text and text.count("-") + text.count(".") + text.count("/") < 2:
         return None
     match = STAMP.fullmatch(text.strip()) if 5 < len(text) <= 40 else None
@@ -50,7 +50,7 @@ def stamp(text: str) -> tuple[int, float] | None:
     )  # fmt: skip
     if not (1 <= month <= 31 and 1 <= day <= 31):
         return None
-    # Only differences count: whether month or day comes first matters only at midnight.
+    # Only differences count, so the order of month and day matters only at midnight.
     days = 372 * year + 31 * month + day
     if not match[7]:
         return days, 0.0
@@ -66,16 +66,16 @@ def stamp(text: str) -> tuple[int, float] | None:
 
 
 def since_first(stamps: Sequence[tuple[int, float] | None]) -> Reals:
-    """Return the seconds since the first stamp, also past midnight; NaN for a missing stamp."""
+    """Return the seconds since the first stamp, also across midnight; NaN for a missing stamp."""
     seconds = np.array([np.nan if moment is None else moment[1] for moment in stamps])
     days = np.array([0 if moment is None else moment[0] for moment in stamps])
-    # Each change of date counts as the next day, whatever the month. Times without a date count one
-    # day where they fall by more than half a day.
+    # Each change of date counts as the next day, whatever the month. Times without a date begin a
+    # new day when they fall by more than half a day.
     turned = np.concatenate([[0.0], np.cumsum(np.diff(days) != 0)])
     plain = np.nan_to_num(seconds)
     if not turned.any():
         turned = np.concatenate([[0.0], np.cumsum(np.diff(plain) < -DAY / 2)])
     first = seconds[np.isfinite(seconds)][:1]
     since = seconds + DAY * turned - (first[0] if len(first) else 0.0)
-    # Remove the round-off of the time of day.
+    # This removes the round-off of the time of day.
     return np.asarray(np.round(since, DIGITS), np.float64)

@@ -1,4 +1,4 @@
-"""Regularity of a column of times, and its rate within the precision of the printed digits.
+"""Checks whether a column of times is even, and its rate to the precision of the printed digits.
 
 A time that is printed to a quantum q lies within q / 2 of its true instant, or of that instant
 less q / 2 if digits are cut off. A column is even if one line $t_0 + n / f_s$ passes within
@@ -21,24 +21,27 @@ from jbw.report.messages.remedies import PUT
 from jbw.units import factor_of
 
 REGULARITY = 1e-3  # largest deviation of a sample from the even grid, in sampling intervals
-ROUND = 1e-6  # largest drift of a record from a round rate that counts as its rate, in intervals
-# Of an interval: a larger quantum does not excuse uneven times. A lost sample moves the following
-# times by half an interval against every line, which must stay visible.
+# A record's rate is a round number if the record drifts from it by fewer intervals than this.
+ROUND = 1e-6
+# Largest resolution of printed times, in sampling intervals, that may explain uneven times. A lost
+# sample shifts later times by half an interval from every straight line, and must not be hidden.
 COARSEST = 0.4
-DECIMALS = range(-3, 13)  # decimals of times, in their printed unit
-SIGNIFICANT = range(3, 10)  # significant digits that programs print of a time
-STATED = 6  # digits of an interval from which it may be rounded: universal files print six
-SLOPES = 60  # slopes tried for a line through all times
+DECIMALS = range(-3, 13)  # tried numbers of decimals of times, in their printed unit
+SIGNIFICANT = range(3, 10)  # tried numbers of significant digits of times
+# An interval with at least this number of digits may be rounded: universal files print six.
+STATED = 6
+SLOPES = 60  # number of slopes tried for a line through all times
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-EPOCH = (9.4e8, 4.2e9)  # seconds since 1970, for the years 2000 to 2100
-# [Hz], slowest plausible rates of times without a unit: quasi-static records have times with
-# decimals, never whole numbers.
+EPOCH = (9.4e8, 4.2e9)  # range of seconds since 1970 for the years 2000 to 2100
+# slowest plausible rates [Hz] of times without a unit, with and without whole numbers: quasi-static
+# records have times with decimals
 SLOWEST, SLOWEST_COUNTED = 1.0, 20.0
-MOST = 0.5  # share of a record above which a part between gaps is kept rather than resampled
+# A part between gaps that exceeds this fraction of a record is kept, rather than resampled.
+MOST = 0.5
 
 
 def stated_rate(fs: float) -> float:
-    """Return the round rate whose interval prints with the same digits, or the given rate if none.
+    """Return the round rate whose interval has the printed digits, or else the given rate.
 
     A file that states 0.000976562 s means 1024 Hz, and 1e-5 s is 100 kHz apart from round-off. An
     interval of fewer than six digits is exact: 0.0004096 s is 2441.40625 Hz.
@@ -88,7 +91,7 @@ def sampling_frequency(
     bit = 4 * np.spacing(np.abs(seconds).max())
     exact = np.full(len(seconds), bit)
     if _line_within(seconds, exact + ROUND / mean_rate, 1 / mean_rate, slopes=1):
-        # No digit is lost: 0.033 s is not a rounded 1 / 30.3 s.
+        # No digits were lost: 0.033 s is not a rounded 1 / 30.3 s.
         distances = [exact]
     else:
         distances = [np.where(q * mean_rate > COARSEST, 0.0, q / 2) + bit for q in every_quanta]
@@ -96,7 +99,7 @@ def sampling_frequency(
         for within in distances:
             if _line_within(seconds, within + ROUND / near, 1 / near, slopes=1):
                 return near, mean_rate
-    # All times determine the rate better than the rounded first and last ones.
+    # All times together determine the rate better than the rounded first and last times.
     if len(distances) > 1:
         n = np.arange(len(seconds)) - (len(seconds) - 1) / 2
         mean_rate = float(np.sum(n**2) / np.sum(n * (seconds - seconds.mean())))
@@ -117,7 +120,7 @@ def sampling_frequency(
 
 
 def coarse_rate(time: NDArray[np.number], factor: float = 1.0) -> float | None:
-    """Return the mean rate [Hz] of times if they have too few digits to distinguish samples.
+    """Return the mean rate [Hz] of times with too few digits to distinguish samples; else None.
 
     Such times repeat or skip a quantum, but lie within half a quantum of a line. The rate is
     rounded to the digits that the times support.
@@ -140,13 +143,13 @@ def _coarse_rate(seconds: Reals, every_quanta: Sequence[Reals]) -> float | None:
 
 
 def _is_exact(seconds: Reals) -> bool:
-    """Return whether all steps are equal within round-off, whatever their digits."""
+    """Return whether all time steps are equal within round-off."""
     steps = np.diff(seconds)
     return float(np.ptp(steps)) <= REGULARITY * abs(float(np.median(steps)))
 
 
 def on_clock(item: Leaf, time: NDArray[np.number], unit: str) -> Leaf:
-    """Return a channel with rate and start from its own time column, if its times are even.
+    """Return a channel with rate and start from its own column of times, if the times are even.
 
     Uneven times, an unknown unit, and whole numbers without a unit leave the channel unchanged.
     """
@@ -161,13 +164,13 @@ def on_clock(item: Leaf, time: NDArray[np.number], unit: str) -> Leaf:
 
 
 def are_whole_numbers(time: NDArray[np.number]) -> bool:
-    """Return whether all times are whole numbers, as of counters and of small units."""
+    """Return whether all times are whole numbers, as in counters or small units."""
     values = np.asarray(time, np.float64)
     return bool(len(values) > 2 and np.isfinite(values).all() and np.all(values == np.rint(values)))
 
 
 def time_unit(time: NDArray[np.number]) -> tuple[str, bool]:
-    """Return the likeliest unit of times that state none ("" for counts), and whether it is sure.
+    """Return the likeliest unit of times without a unit ("" for counts), and whether it is certain.
 
     It is the largest unit that gives the rate of a recorder. For times of a computer's clock it is,
     with certainty, the unit in which they lie in this century.
@@ -186,12 +189,12 @@ def time_unit(time: NDArray[np.number]) -> tuple[str, bool]:
 
 def _round_rates(fs: float) -> tuple[float, ...]:
     """Return the multiples of 1 Hz and of 0.1 Hz nearest to a rate."""
-    # Dividing by 10 instead of multiplying by 0.1 keeps 51.2 exactly 51.2.
+    # Division by 10 instead of multiplication by 0.1 keeps 51.2 exactly 51.2.
     return tuple(near for near in (float(round(fs)), round(10 * fs) / 10) if near > 0)
 
 
 def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOPES) -> float | None:
-    """Return the step of an even grid within the given distances of all times; None if none is.
+    """Return the step of an even grid that stays within given distances of all times; else None.
 
     The excess over the distances is convex in the interval, so that Newton's steps towards its zero
     never pass beyond it.
@@ -211,7 +214,7 @@ def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOP
 
 
 def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
-    """Return the step of every time's last printed digit, for fixed decimals and fixed digits.
+    """Return the value of every time's last printed digit, for fixed decimals and for fixed digits.
 
     `%.6f` writes the same number of decimals everywhere; `%.7g` writes 9.876953 and 10.00195, so
     that later times are rounded more. Times of a binary file have the resolution of their type.
@@ -234,14 +237,15 @@ def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
 
 
 def _are_whole(values: Reals, quanta: Reals, error: float) -> bool:
-    """Return whether values are multiples of their quanta within their error."""
-    some = slice(None, None, 1 + len(values) // 1000)  # a sample rejects most quanta quickly
+    """Return whether values are multiples of their quanta, within their error."""
+    # Some of the values suffice to reject most of the tried resolutions quickly.
+    some = slice(None, None, 1 + len(values) // 1000)
     for part in (some, slice(None)):
         x, q = values[part], quanta[part]
         steps = np.divide(x, q, out=np.zeros(len(x)), where=q > 0)
         room = 1e-6 + np.divide(error, q, out=np.zeros(len(x)), where=q > 0)
         nearest = np.round(steps)
-        # Times that are all near zero compared with a quantum are no multiples of it.
+        # Times that are all near zero compared with a resolution are no multiples of it.
         if np.any(np.abs(steps - nearest) > np.minimum(room, 1e-3)) or not nearest.any():
             return False
     return True

@@ -1,4 +1,4 @@
-"""Text columns in any dialect: delimiter, decimal mark, names, units, footers, lost cells."""
+"""Text columns in any notation: delimiter, decimal mark, names, units, footers, lost cells."""
 
 import io
 import re
@@ -22,15 +22,16 @@ from jbw.report.messages import reading as messages
 from jbw.units import is_unit, titled
 
 WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma", "|": "stroke"}
-LOOKED_AT = 400  # lines used to find the dialect
-LEAST_LINES = 2  # lines of numbers needed to accept a dialect
-HEADED = 6  # lines above a table that may contain names and units
-SEPARATOR = re.compile(r'\s*"?sep\s*=\s*(\\t|.)"?\s*$', re.IGNORECASE)  # as spreadsheets write it
-# Entries of a row of units that mean no unit.
+LOOKED_AT = 400  # number of lines examined to find the notation of a file
+LEAST_LINES = 2  # smallest number of lines of numbers for which a notation is accepted
+HEADED = 6  # number of lines above a table that may contain names and units
+# first line that spreadsheets write
+SEPARATOR = re.compile(r'\s*"?sep\s*=\s*(\\t|.)"?\s*$', re.IGNORECASE)
+# entries in a row of units that mean "no unit"
 NO_UNIT = ("-", "--", "none", "1", "[-]", "(-)", "[]", "()", "'")
 OTHER_UNIT = re.compile(r"EU|%|Pa|[a-z]?C|degC|K|bar|psi|[dDmMyYhHsSfF][dDmMyYhHsSfF.:/ -]*")
 COMMENT = re.compile(r'\s*"?(?:[#;%!*]|//)')  # start of a comment line
-LEAST_ROWS = 3  # smallest number of rows of a table with columns of text
+LEAST_ROWS = 3  # smallest number of rows in a table that has columns of text
 PART = re.compile(
     r"(.*?)[\s_.]*[\[(]?\b(?:(re|real)|(im|imag|imaginary))\b\.?[\])]?", re.IGNORECASE
 )
@@ -39,21 +40,21 @@ KEYED = re.compile(r"^(?:[A-Z]{2,}\s*=|headers?[:;,\t]|columns?[:;,\t])\s*", re.
 
 @dataclass(frozen=True)
 class Dialect:
-    """The way in which a text file writes its numbers."""
+    """The notation in which a text file writes its numbers."""
 
-    delimiter: str | None  # between the fields; None means any white space
+    delimiter: str | None  # text between the fields; None means any white space
     decimal: str  # decimal mark
-    first: int = 0  # line of the first numbers, counted from zero
+    first: int = 0  # index of the first line of numbers, counted from zero
     columns: int = 0  # fields in a line
     trailing: bool = False  # whether every line ends with a delimiter
 
     def fields(self, line: str) -> list[str]:
-        """Split a line into fields without quotes; ignore a delimiter at the end of every line."""
+        """Split a line into fields without quotes; ignore a delimiter that ends every line."""
         fields = [text.strip().strip('"').strip() for text in line.split(self.delimiter)]
         return fields[:-1] if self.trailing and len(fields) > 1 and not fields[-1] else fields
 
     def is_number(self, text: str) -> bool:
-        """Return whether a field is a number; with a decimal comma, a field with a point is not."""
+        """Return whether a field is a number; with a decimal comma, it contains no point."""
         if "_" in text:  # Python would accept the underscore
             return False
         for written in (text if self.decimal == "." else None, ungrouped(text, self.decimal)):
@@ -68,23 +69,23 @@ class Dialect:
         return self.is_number(text) or is_lost(text) or stamp(text) is not None
 
     def has_decimals(self, fields: Sequence[str]) -> bool:
-        """Return whether any field is a number with decimals, which a column number never is."""
+        """Return whether any field is a number with decimals, which no column number has."""
         return any(self.decimal in text and self.is_number(text) for text in fields)
 
     def width(self, line: str) -> int:
-        """Return a line's number of cells; 0 if unreadable or all lost, -1 if blank."""
+        """Return the number of cells in a line; 0 if it cannot be read, -1 if it is blank."""
         if not line.strip():
             return -1
         if self.delimiter and self.delimiter not in line:
             return 0  # single columns are handled separately
         if '"' in line and any(text.count('"') % 2 for text in line.split(self.delimiter)):
-            return 0  # the delimiter cuts a quoted field, such as "1,5"
+            return 0  # The delimiter occurs within a quoted field, such as "1,5".
         fields = self.fields(line)
         is_row = all(map(self.is_cell, fields)) and not all(map(is_lost, fields))
         return len(fields) if is_row else 0
 
     def digits(self, line: str) -> tuple[int, int, int]:
-        """Return a line's length without signs, its last number's fraction and exponent digits."""
+        """Return the length of a line, and the fraction and exponent digits of its last number."""
         last = (self.fields(line) or [""])[-1].lower()
         mantissa, _, exponent = last.partition("e")
         fraction = mantissa.partition(self.decimal)[2]
@@ -100,7 +101,7 @@ DIALECTS = tuple(
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a text file of columns, named `column[0]`, `column[1]`, ... if there is no header."""
+    """Open a text file of columns; without a header they are named `column[0]`, `column[1]`, ..."""
     text = _decode(path.read_bytes())
     lines = text.replace("\r\r\n", "\n").splitlines()
     recorded = of_lines(lines, path)
@@ -117,7 +118,7 @@ def table(
     fs: float | None = None,
     dialect: Dialect | None = None,
 ) -> Contents:
-    """Read the single table of a text; facts from a recorder replace facts from the lines.
+    """Read the table in a text; information from a recorder replaces that in the lines.
 
     Args:
         lines: Lines of the file, or their version prepared by a recorder module.
@@ -161,7 +162,7 @@ def table(
 
 
 def _sniffed(lines: Sequence[str], file: str, mark: str) -> tuple[list[str], int, Dialect]:
-    """Return a table's lines without text columns, the number of these columns, and the dialect."""
+    """Return a table's lines without text columns, these columns' number, and the notation."""
     try:
         return list(lines), 0, sniff(lines[:LOOKED_AT], file, mark)
     except DataError as error:
@@ -199,7 +200,7 @@ def _without(line: str, marks: Dialect, columns: Sequence[int]) -> str:
 
 
 def _unfitting_names(header: Sequence[str], dialect: Dialect) -> list[str]:
-    """Return a warning if a line of names has more or fewer entries than there are columns."""
+    """Return a warning if a line of names does not have as many entries as there are columns."""
     rows = [_row(line, dialect) for line in header[-HEADED:] if line.strip()]
     words = [text for text in (rows[-1] if rows else []) if text and not dialect.is_number(text)]
     if len(words) < 2 or dialect.columns < 2:
@@ -208,7 +209,7 @@ def _unfitting_names(header: Sequence[str], dialect: Dialect) -> list[str]:
 
 
 def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
-    """Find the dialect that reads most first lines as numbers; one column needs decimal points."""
+    """Find the notation in which most of the first lines are numbers; one column needs decimals."""
     among = [marks for marks in DIALECTS if not mark or marks.delimiter == mark] or DIALECTS
     count, dialect = max((_trial(lines, marks) for marks in among), key=lambda trial: trial[0])
     if count < LEAST_LINES:
@@ -230,7 +231,7 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
 
 
 def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
-    """Return how many of the last lines are numbers in columns of one width, and their dialect."""
+    """Count the last lines that are rows of numbers of one width; return also their notation."""
     if marks.delimiter and not any(marks.delimiter in line for line in lines):
         return 0, marks
     widths = [marks.width(line) for line in lines]
@@ -243,7 +244,7 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
         marks = replace(marks, trailing=True)
         widths = [marks.width(line) for line in lines]
     while widths and (widths[-1] < 0 or (widths[-1] == 0 and _is_remark(lines[len(widths) - 1]))):
-        widths.pop()  # skip blank lines and statistics at the end
+        widths.pop()  # Blank lines and statistics at the end are skipped.
     columns = widths[-1] if widths else 0
     count = len(list(takewhile(lambda width: width == columns, reversed(widths))))
     dialect = replace(marks, first=len(widths) - count, columns=columns)
@@ -251,7 +252,7 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
 
 
 def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
-    """Return how many of the last lines are a single decimal number, and their dialect."""
+    """Count the last lines that consist of one decimal number; return also their notation."""
     marks = Dialect(None, ".")
     widths = [0 if re.search("[,;\t]", line) else marks.width(line) for line in lines]
     while widths and widths[-1] < 0:
@@ -263,18 +264,18 @@ def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
 
 
 def _is_label(line: str) -> bool:
-    """Return whether a line begins with a word and so is no row of numbers."""
+    """Return whether a line begins with a word, as a label does, instead of a number."""
     first = line.strip().strip('"#*%')
     return bool(re.match(r"\s*[^\W\d_]{2,}", first)) and not is_lost(first.split(";")[0])
 
 
 def _is_remark(line: str) -> bool:
-    """Return whether a line is a comment or begins with a word and so is no row of numbers."""
+    """Return whether a line is a comment or begins with a word, instead of a row of numbers."""
     return bool(COMMENT.match(line)) or _is_label(line)
 
 
 def _without_footer(body: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
-    """Separate rows from footer lines that begin with a word: maxima, means, an end mark."""
+    """Separate a table's rows from final lines that begin with a word, such as maxima or means."""
     end = len(body)
     while end and (not body[end - 1].strip() or _is_remark(body[end - 1])):
         if body[end - 1].strip() and dialect.width(body[end - 1]) == dialect.columns:
@@ -295,11 +296,11 @@ def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
 
 
 def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
-    """Raise a DataError if a broken line has split the table, with measured values above it."""
+    """Raise a DataError if a broken line splits the table, so that measured values are above it."""
     rows = [dialect.fields(line) for line in header]
     wide = [i for i, row in enumerate(rows) if len(row) == dialect.columns]
-    # The first line of the table's width may name the columns, even by numbers. A recorder may also
-    # list a word and numbers above the names, but not between the names and the table.
+    # The first line with the table's width may name the columns, even by numbers. A recorder may
+    # also write a word and numbers above the names, but not between the names and the table.
     words = [sum(not dialect.is_number(text) for text in row) for row in rows]
     values = [i for i in wide[1:] if words[i] == 0 and dialect.has_decimals(rows[i])]
     last = len(rows) - 1
@@ -325,7 +326,7 @@ def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
 
 
 def _is_cut(body: Sequence[str], dialect: Dialect, path: Path) -> bool:
-    """Return whether a last line without a line break has fewer digits than all others.
+    """Return whether the last line lacks a line break and has fewer digits than all others.
 
     Raises:
         DataError: All other lines have the same number of digits, so that some are missing here.
@@ -357,7 +358,7 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
             units = [_bare(text) for text in last]
         elif not any(text and not dialect.is_number(text) for text in last):
             if any(text.strip() for text in last) and not rows:
-                return last, units or [""] * len(last)  # numbers may also name the columns
+                return last, units or [""] * len(last)  # Numbers may also name the columns.
         else:
             parts = [titled(title) for title in last]
             names_are_unique = len({name for name, _ in parts}) == len(parts) or _names_times(last)
@@ -365,7 +366,7 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
                 return last, units or [""] * len(last)
             behind = [unit for _, unit in parts]
             if not units and not any(behind) and rows and _are_units(rows[-1]):
-                units = [_bare(text) for text in rows[-1]]  # the row of units is above the names
+                units = [_bare(text) for text in rows[-1]]  # The row of units is above the names.
             if not units and not any(behind) and dialect.columns == 1:
                 units = _unit_in(header)
             return [name.replace('"', "") for name, _ in parts], units or behind
@@ -380,7 +381,7 @@ def _unit_in(header: Sequence[str]) -> list[str]:
 
 def _row(line: str, dialect: Dialect) -> list[str]:
     """Return the fields of a line above the table, without a final delimiter."""
-    if dialect.columns == 1:  # the one name may have several words
+    if dialect.columns == 1:  # The single name may consist of several words.
         is_fact = rate_in([line]) or stated(line, "units?|einheit|y[ _]units?")
         return [] if is_fact else [line.strip().strip('#% "')]
     fields = dialect.fields(KEYED.sub("", line.lstrip("#%; ")))
@@ -397,7 +398,7 @@ def _are_units(row: Sequence[str]) -> bool:
 
 
 def _bare(text: str) -> str:
-    """Return a unit without its brackets or quotes; empty if the text means no unit."""
+    """Return a unit without brackets and quotes; empty if the text means "no unit"."""
     text = text.strip(" '\"")
     if text.lower() in NO_UNIT:
         return ""
@@ -406,14 +407,14 @@ def _bare(text: str) -> str:
 
 
 def _names_times(row: Sequence[str]) -> bool:
-    """Return whether several columns of a row are times, which may share one name."""
+    """Return whether several columns of a row are times; these may have the same name."""
     return sum(is_time(titled(title)[0]) for title in row) > 1
 
 
 def _columns(
     body: Sequence[str], dialect: Dialect, path: Path
 ) -> tuple[list[Reals], frozenset[int]]:
-    """Return a table's columns (NaN for lost samples), and the indices of date or time columns [s].
+    """Return a table's columns, and the indices of columns of dates or times; NaN for lost samples.
 
     A ValueError names the line that breaks the table.
     """
@@ -433,7 +434,7 @@ def _columns(
 
 
 def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> tuple[list[Reals], frozenset[int]]:
-    """Return a table's columns cell by cell, for lost cells, grouped digits, dates or times."""
+    """Return a table's columns read cell by cell: lost cells, grouped digits, dates, times."""
     cells: list[list[str]] = []
     for i, line in enumerate(body):
         if not line.strip():
@@ -473,10 +474,10 @@ def _value(text: str, dialect: Dialect, row: int, column: int) -> float:
 def _tree(
     columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str]
 ) -> tuple[dict[str, Node], dict[str, Leaf]]:
-    """Return columns by number and by title, and the measured columns by path."""
+    """Return all columns by number and by title, and the measured columns by path."""
     titles = list(titles) if len(titles) == len(columns) else [""] * len(columns)
     units = list(units) if len(units) == len(columns) else [""] * len(columns)
-    # A column with a single date is no clock.
+    # A column with a single date contains no times.
     moving = [len(np.unique(column[np.isfinite(column)])) > 1 for column in columns]
     clocks = [i for i, title in enumerate(titles) if is_time(title) and moving[i]]
     leaves = _on_own_clocks(columns, titles, units, clocks)
@@ -485,7 +486,7 @@ def _tree(
     pairs = _complex_pairs(titles, leaves)
     parts = {title for title in titles if _part(title)[0] in pairs}
     for i, (title, column_leaf) in enumerate(zip(titles, leaves, strict=True)):
-        # A name that occurs twice is ambiguous; its columns are accessible by number only.
+        # A name that occurs twice is ambiguous; its columns are accessible only by number.
         is_unique = bool(title) and titles.count(title) == 1
         if is_unique:
             root[title] = column_leaf
@@ -495,13 +496,13 @@ def _tree(
 
 
 def _part(title: str) -> tuple[str, bool]:
-    """Return the channel of a real or imaginary part, and whether it is real; empty if neither."""
+    """Return the channel to which a real or imaginary part belongs, and whether it is real."""
     match = PART.fullmatch(title)
     return (match[1] or "response", bool(match[2])) if match else ("", False)
 
 
 def _complex_pairs(titles: Sequence[str], leaves: Sequence[Leaf]) -> dict[str, Leaf]:
-    """Return by name the complex channels whose real and imaginary parts are columns."""
+    """Return complex channels, by name, whose real and imaginary parts are columns."""
     found = {_part(title): i for i, title in enumerate(titles)}
     pairs = {}
     for (name, is_real), i in found.items():
@@ -513,7 +514,7 @@ def _complex_pairs(titles: Sequence[str], leaves: Sequence[Leaf]) -> dict[str, L
 
 
 def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
-    """Return the columns by number: one table if all are alike, otherwise separate channels."""
+    """Return columns by number: as one table if all are alike, otherwise as channels."""
     if all(column_leaf.fs is None and not column_leaf.unit for column_leaf in leaves):
         return leaf(np.stack(columns)) if columns else Opaque("empty")
     numbered: NDArray[np.object_] = np.empty(len(leaves), dtype=object)
@@ -524,7 +525,7 @@ def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
 def _on_own_clocks(
     columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str], clocks: Sequence[int]
 ) -> list[Leaf]:
-    """Return columns as leaves; each gets its rate from the time column before it, if several.
+    """Return columns as channels, each with the rate of its time column if there are several.
 
     Empty cells below the end of a shorter column, and those between the samples of a slower one,
     are no lost samples.
@@ -552,7 +553,7 @@ def _on_own_clocks(
 
 
 def _filled(column: Reals) -> int:
-    """Return the length of a column without the empty cells at its end."""
+    """Return the length of a column without empty cells at its end."""
     filled = np.flatnonzero(np.isfinite(column))
     return int(filled[-1]) + 1 if len(filled) else 0
 
@@ -584,7 +585,7 @@ def _decode(data: bytes) -> str:
         return data.decode("utf-16")
     if data[1:64:2] and not any(data[1:64:2]):
         return data.decode("utf-16-le", "replace")
-    data = data.replace(b"\0", b"")  # null bytes that a recorder leaves when it is switched off
+    data = data.replace(b"\0", b"")  # Some recorders leave null bytes when they are switched off.
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -19,18 +19,18 @@ from jbw.measurement.records import Record
 from jbw.report.messages import reading as messages
 
 HEAP = b"GCOL\x01\0\0\0"  # signature, version, three reserved bytes; the heap's size follows
-HEAD = 16  # bytes of the header of a heap, and of an object in it
-UNITS = ("unit", "units", "unit_str")  # attributes that hold a channel's unit
+HEAD = 16  # length in bytes of the header of a heap, and of an object in it
+UNITS = ("unit", "units", "unit_str")  # attributes that contain a channel's unit
 LABELS = ("long_name", "label", "name")  # attributes that describe a channel
-# Largest number of texts read per attribute, of attributes per dataset.
+# largest number of texts read per attribute, and of attributes per dataset
 MOST_TEXTS, MOST_FACTS = 256, 64
 LEAST_HEAP = 4096  # bytes of the smallest heap
-REACH = 2**26  # bytes searched at either end of a file; samples lie between
+REACH = 2**26  # number of bytes searched at either end of a file; between them there are samples
 
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open an HDF5 file as a tree of groups; datasets stay on disk until loaded."""
+    """Open an HDF5 file as a tree of groups; datasets are read only when they are used."""
     with path.open("rb") as stream:
         is_classic = stream.read(3) == b"CDF"
     if is_classic:
@@ -57,7 +57,7 @@ def write_hdf5(
     names: Mapping[str, str] | None = None,
     dtype: DTypeLike = np.float64,
 ) -> None:
-    """Write a record atomically, with one checksummed dataset per channel, named by `names`."""
+    """Write a record completely or not at all, with one checksummed dataset per channel."""
     path = Path(path)
     partial = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -95,8 +95,8 @@ def fs_of(attributes: Mapping[str, Any]) -> float | None:
 
 
 def attribute(attributes: Mapping[str, Any], name: str) -> Any:
-    """Return a text or number attribute; empty text if it is absent or of another type."""
-    # Other types are never read: a changed byte in their type can crash the process.
+    """Return an attribute that is a text or number; an empty text for all other attributes."""
+    # Attributes of other types are never read: a changed byte in their type can crash the process.
     if name not in attributes:
         return ""
     if isinstance(attributes, h5py.AttributeManager):
@@ -107,13 +107,13 @@ def attribute(attributes: Mapping[str, Any], name: str) -> Any:
 
 
 def inside(dataset: h5py.Dataset) -> h5py.Dataset:
-    """Return a dataset whose samples lie in its own file in their stored shape; raise otherwise."""
+    """Return the dataset if its samples are in its own file and complete; else raise an error."""
     virtual = dataset.is_virtual and any(s.file_name != "." for s in dataset.virtual_sources())
     if dataset.external or virtual:
         raise _outside(dataset.name or "dataset")
     if dataset.chunks is None:
         stored = dataset.id.get_storage_size()
-        # A dataset that was never written stores nothing.
+        # A dataset that was never written has no bytes in the file.
         is_complete = stored in (0, dataset.nbytes)
     else:
         most = dataset.maxshape or dataset.shape
@@ -137,7 +137,7 @@ def text_of(attributes: Mapping[str, Any], name: str) -> str:
 
 
 def _node(group: h5py.Group, name: str) -> Node:
-    """Return the node with the given name; follow only links that stay inside the file."""
+    """Return the group or array with a given name; follow only links that stay in the file."""
     link = group.get(name, getlink=True)
     if isinstance(link, h5py.ExternalLink):
         raise _outside(f"{group.name}/{name}")
@@ -155,14 +155,14 @@ def _array(item: Any) -> Node:
                       _texts(item))  # fmt: skip
     unit = next(filter(None, (text_of(item.attrs, key) for key in UNITS)), "")
     label = next(filter(None, (text_of(item.attrs, key) for key in LABELS)), "")
-    # A text per channel is left to the recorder modules.
+    # If a unit has one line per channel, the recorder modules interpret it.
     unit = "" if item.ndim > 1 and "\n" in unit else unit
     samples = leaf(inside(item), fs=fs_of(item.attrs), unit=unit.partition(" since ")[0])
     return replace(samples, attributes=facts_of(item.attrs), label=label)
 
 
 def _texts(item: Any) -> str:
-    """Return the texts of a small dataset, one per line; empty for anything else."""
+    """Return the texts of a small dataset, one per line; empty for any other dataset."""
     is_text = isinstance(item, h5py.Dataset) and (
         item.dtype.kind == "S" or h5py.check_string_dtype(item.dtype) is not None
     )
@@ -177,7 +177,7 @@ def _joined(value: Any) -> str:
 
 
 def facts_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the attributes that are texts or numbers, by name; several texts become lines."""
+    """Return by name the attributes that are texts or numbers; several texts become lines."""
     facts: dict[str, Any] = {}
     for name in list(attributes)[:MOST_FACTS]:
         value = attribute(attributes, name)
@@ -189,11 +189,11 @@ def facts_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _behind(group: h5py.Group, name: str, target: str) -> Node:
-    """Return the target of a soft link, if every step of its path stays in the file."""
+    """Return the target of a soft link if no step of its path leaves the file."""
     here: Any = group.file if target.startswith("/") else group
     steps = [part for part in target.split("/") if part not in ("", ".")]
     for step in steps:
-        # A link behind a link is refused too: it could lead out of the file or in a circle.
+        # A link to another link is rejected too: it could lead out of the file or in a circle.
         is_hard = isinstance(here, h5py.Group) and isinstance(
             here.get(step, getlink=True), h5py.HardLink
         )
@@ -214,9 +214,9 @@ def _outside(name: str) -> DataError:
 
 
 def require_sound_heaps(path: Path) -> None:
-    """Raise a ValueError if a global heap, in which HDF5 stores texts, is corrupt."""
-    # One changed byte in a heap makes the library loop forever and ignore even Ctrl-C.
-    # See HDF5 File Format Specification 3.0, section III.E.
+    """Raise a ValueError if a global heap, where HDF5 stores texts, is corrupt."""
+    # One changed byte in a heap would make the library loop forever and ignore even Ctrl-C. See
+    # HDF5 File Format Specification 3.0, section III.E.
     size = path.stat().st_size
     with path.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
         for begin, end in {(0, min(REACH, size)), (max(size - REACH, 0), size)}:
@@ -228,11 +228,12 @@ def require_sound_heaps(path: Path) -> None:
 
 
 def _is_sound(data: mmap.mmap, start: int) -> bool:
-    """Return whether the objects of an HDF5 heap fill it without a gap."""
+    """Return whether the objects of an HDF5 heap fill it without gaps."""
     head = data[start + len(HEAP) : start + HEAD]
     total = int.from_bytes(head, "little")
     if len(head) < HEAD - len(HEAP) or not LEAST_HEAP <= total <= len(data) - start:
-        return True  # no heap: the bytes are samples, or the library refuses their size
+        # These bytes are samples and no heap, or the library itself rejects their size.
+        return True
     at = HEAD
     while at + HEAD <= total:
         number, _, _, size = struct.unpack("<HHIQ", data[start + at : start + at + HEAD])

@@ -27,7 +27,7 @@ from jbw.measurement.files.tree import (
 )
 from jbw.report.messages import reading as messages
 
-# MATLAB's own objects, which contain no arrays that other programs can read.
+# MATLAB's own objects; they contain no arrays that other programs can read.
 OPAQUE = (
     scipy.io.matlab.MatlabOpaque,
     scipy.io.matlab.MatlabFunction,
@@ -37,7 +37,7 @@ OPAQUE = (
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a MATLAB file of any version since 5."""
+    """Open a MATLAB file of version 5 or later."""
     if h5py.is_hdf5(path):
         hdf5.require_sound_heaps(path)
         with h5py.File(path, "r") as file:
@@ -46,7 +46,7 @@ def contents(path: Path) -> Iterator[Contents]:
         require_sound(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # sparse matrices are not read here
-            # Objects have no name in the file, so that two of them look like a duplicate.
+            # Objects have no name in the file, so that two of them look like duplicates.
             warnings.filterwarnings("ignore", message='Duplicate variable name "None"')
             loaded = scipy.io.loadmat(path, squeeze_me=True, struct_as_record=False)
         root = {name: _node(x) for name, x in loaded.items() if not name.startswith("__")}
@@ -54,7 +54,7 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _node(value: Any) -> Node:
-    """Return a tree from scipy's values: structs, object arrays, numbers."""
+    """Convert scipy's values to a tree: structs, object arrays, numbers."""
     if isinstance(value, OPAQUE):
         return Opaque(messages.MATLAB_OBJECT, messages.EXPORT_ARRAYS)
     if isinstance(value, scipy.io.matlab.mat_struct):
@@ -67,7 +67,7 @@ def _node(value: Any) -> Node:
 
 
 def _complex73(item: Any) -> OnDemand:
-    """Return complex numbers that MATLAB stores as compounds of `real` and `imag`."""
+    """Return an array of complex numbers, which MATLAB stores as compounds of `real` and `imag`."""
 
     def read(index: Any) -> NDArray[np.complex128]:
         parts = item[index]
@@ -93,7 +93,7 @@ def _item73(item: Any) -> Node:
         return Opaque(messages.MATLAB_OBJECT, messages.EXPORT_ARRAYS)
     if isinstance(item, h5py.Group):
         fields: Any = hdf5.group_tree(item, _node73)
-        # Each field of a struct array is an array of references without a class.
+        # Each field of a struct array is an array of references without a MATLAB class.
         are_arrays = [
             isinstance(field, h5py.Dataset)
             and h5py.check_ref_dtype(field.dtype) is h5py.Reference
@@ -102,7 +102,7 @@ def _item73(item: Any) -> Node:
         ]
         if not (are_arrays and all(are_arrays)):
             return fields
-        # Build an array of structs, as in v5 files.
+        # This builds an array of structs, as in v5 files.
         shape = np.shape(next(iter(fields.values())))
         structs = [{name: fields[name][i] for name in fields} for i in np.ndindex(shape)]
         return cells(structs, shape)
@@ -124,7 +124,7 @@ def _item73(item: Any) -> Node:
 
 
 def _text73(item: Any) -> str:
-    """Return the text of a one-row char array, which is stored as codes; empty if it is none."""
+    """Decode a one-row char array, which is stored as codes; return an empty text if it is none."""
     if not np.issubdtype(item.dtype, np.integer) or item.size > LONGEST_TEXT:
         return ""
     if hdf5.attribute(item.attrs, "MATLAB_empty"):

@@ -1,4 +1,4 @@
-"""Validation of the headers of MATLAB files before v7.3, prior to reading.
+"""Validation of the headers of MATLAB files before v7.3, before their content is read.
 
 The reader trusts types and sizes: one changed byte among them can crash the process or exhaust
 its memory. Validation before reading refuses both at once and on every system. A separate process
@@ -17,26 +17,26 @@ import numpy as np
 from jbw.memory import require_readable
 from jbw.report.messages import reading as messages
 
-HEADER = 128  # bytes before the first variable of a file
+HEADER = 128  # number of bytes before the first variable of a file
 MATRIX, COMPRESSED = 14, 15  # data types that contain further elements
-# Bytes of one value by data type of plain numbers or text: int8 to uint64, then UTF-8, -16, -32.
+# bytes per value for each data type of plain numbers or text: int8 to uint64, then UTF-8, -16, -32
 NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 WIDTHS = {**NUMBERS, 16: 1, 17: 2, 18: 4}
-WIDTHS_4 = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}  # the bytes of one value by data type in version 4
+WIDTHS_4 = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}  # bytes per value for each data type in version 4
 NAMES = (1, 2, 16)  # data types of names
 CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
 NUMERIC = range(6, 16)  # classes of numeric arrays: double to uint64
 FUNCTION, OPAQUE = 16, 17
-MOST_BARE = 2**16  # structs without fields in an array, which occupy no bytes in the file
+MOST_BARE = 2**16  # largest number of structs without fields, which occupy no bytes in the file
 LONGEST_NAME = 2**16
-SLACK = 2**16  # bytes that a compressed variable may contain beyond its declared size
+SLACK = 2**16  # number of bytes by which a compressed variable may exceed its declared size
 
 
 def require_sound(path: Path) -> None:
-    """Raise an error if headers declare absent content, or more than can be read at once."""
-    # The reference is MATLAB, MAT-File Format, level 5: data elements and their tags.
+    """Raise an error if headers declare content that is absent or too large to be read at once."""
+    # Reference: MATLAB, MAT-File Format, level 5: data elements and their tags.
     data = memoryview(np.memmap(path, np.uint8, "r"))
-    # Versions 5 to 7 begin with a text, version 4 with a number below 5000.
+    # Versions 5 to 7 begin with text, version 4 with a number below 5000.
     variables = _variables(data) if 0 not in data[:4] else _variables_4(data)
     declared = 0
     for size, check in variables:
@@ -46,7 +46,7 @@ def require_sound(path: Path) -> None:
 
 
 def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """Yield the unpacked size in bytes and the check of each variable of a v5 file."""
+    """Yield each variable's unpacked size in bytes and its check, for a v5 file."""
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[HEADER - 2 : HEADER]))
     if order is None:
         raise ValueError("its header has no mark of the byte order")
@@ -67,7 +67,7 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
 
 
 def _variables_4(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """Yield the size in bytes and the check of each variable of a v4 file.
+    """Yield each variable's size in bytes and its check, for a v4 file.
 
     A variable consists of type, rows, columns, imaginary part, name and numbers.
     """
@@ -88,13 +88,13 @@ def _packed(content: memoryview, order: str, size: int) -> None:
     """Unpack a compressed variable of a v5 file and validate it."""
     unpack = zlib.decompressobj()
     unpacked = memoryview(unpack.decompress(content, 8 + size + SLACK))
-    if not unpack.eof:  # the checksum is at the end
+    if not unpack.eof:  # The checksum is at the end.
         raise ValueError("a packed variable has no end, or holds more than it declares")
     _matrix(Elements(unpacked[8:], order).take(size), order)
 
 
 class Elements:
-    """The consecutive elements of a block of bytes, consumed from its start."""
+    """Consecutive elements in a block of bytes, which are read from its start."""
 
     def __init__(self, data: memoryview, order: str) -> None:
         self.data, self.order = data, order
@@ -112,7 +112,7 @@ class Elements:
         return struct.unpack(form, self.take(struct.calcsize(form)))
 
     def element(self) -> tuple[int, memoryview]:
-        """Return type and content of the next element; up to four bytes are stored in its tag."""
+        """Return type and content of the next element; its tag contains up to four bytes."""
         (code,) = self.integers("I")
         if size := code >> 16:
             if size > 4:
@@ -125,7 +125,7 @@ class Elements:
         return code, content
 
     def short(self, what: str, codes: tuple[int, ...]) -> memoryview:
-        """Return the next element's content, which must be short and of one of the given types."""
+        """Return the next element's content; raise an error if it is long or of another type."""
         code, content = self.element()
         if code not in codes or len(content) > LONGEST_NAME:
             raise ValueError(f"its {what} have data type {code} and {len(content)} bytes")
@@ -137,13 +137,13 @@ class Elements:
         return struct.unpack(f"{self.order}{len(content) // 4}i", content[: len(content) & ~3])
 
     def numbers(self, count: int | None) -> None:
-        """Skip an element of a MATLAB file after checking that it contains `count` numbers."""
+        """Skip the next element after a check that it contains `count` numbers."""
         code, content = self.element()
         if code not in NUMBERS or count not in (None, len(content) / NUMBERS[code]):
             raise ValueError(f"{count} numbers have the type {code} and {len(content)} bytes")
 
     def text(self, count: int) -> None:
-        """Skip a text of a MATLAB file, which may have more bytes than characters, or none."""
+        """Skip the next text, which may have more bytes than characters, or none at all."""
         code, content = self.element()
         if code not in WIDTHS or 0 < len(content) < count:
             raise ValueError(f"{count} characters have the type {code} and {len(content)} bytes")
@@ -161,14 +161,15 @@ class Elements:
 
 def _matrix(content: memoryview, order: str) -> None:
     """Validate one matrix: flags, shape, name, then the content that its class requires."""
-    if not content:  # an empty item has no bytes at all
+    if not content:  # An empty item has no bytes.
         return
     walk = Elements(content, order)
     flags = walk.whole_numbers("flags", (6,))
     if len(flags) != 2:
         raise ValueError("a variable has no flags")
     of_class, is_complex = flags[0] & 0xFF, flags[0] >> 11 & 1
-    if of_class == OPAQUE:  # no shape; the names of the object, its system and its class
+    # Such an object has no shape; its name, its system and its class follow.
+    if of_class == OPAQUE:
         for _ in range(3):
             walk.short("names", NAMES)
         walk.matrices(1)
@@ -197,7 +198,7 @@ def _matrix(content: memoryview, order: str) -> None:
 
 
 def _fields(walk: Elements, count: int, of_class: int) -> None:
-    """Validate the fields of `count` structs, or of objects, which have a class name first."""
+    """Validate the fields of `count` structs, or of objects, which begin with a class name."""
     if of_class == OBJECT:
         walk.short("names", NAMES)
     lengths = walk.whole_numbers("field names", (5, 6))

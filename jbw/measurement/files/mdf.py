@@ -1,4 +1,4 @@
-"""MDF files of vehicle measurement systems, read with asammdf, an optional extra."""
+"""MDF files of vehicle measurement systems, read by the optional package asammdf."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,7 +14,7 @@ from jbw.measurement.files.tree import Contents, Leaf, Node, leaf, numeric, opti
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open an MDF file as groups of channels; rate and start come from each group's times.
+    """Open an MDF file as groups of channels; each group's times determine its rate and start.
 
     All samples are read at once, in the units to which the file converts them.
     """
@@ -30,7 +30,7 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _group(file: Any, number: int) -> dict[str, Leaf]:
-    """Return the channels of a group with one number per time, preceded by their times."""
+    """Return the channels of a group that have one number per time, preceded by the times."""
     channels, master = file.groups[number].channels, file.masters_db.get(number)
     chosen = [(channel.name, number, i) for i, channel in enumerate(channels) if i != master]
     group: dict[str, Leaf] = {}

@@ -23,12 +23,12 @@ def contents(path: Path) -> Iterator[Contents]:
         return
     require_unpackable(path, messages.AS_HDF5)
     with np.load(path, allow_pickle=False) as archive:
-        # A damaged member fails its checksum here, before any of its samples is used.
+        # A damaged array fails its checksum here, before any of its samples is used.
         yield Contents({name: numeric(archive[name]) for name in archive.files}, "npz")
 
 
 def require_unpackable(path: Path, remedy: str) -> None:
-    """Refuse an .npz archive that unpacks to more than can be read at once, before unpacking it."""
+    """Raise an error if an .npz archive would unpack to more than can be read at once."""
     with zipfile.ZipFile(path) as archive:
         size = sum(member.file_size for member in archive.infolist())
     require_readable(size, f"File `{path.name}` unpacks to", remedy)

@@ -1,4 +1,4 @@
-"""Paths into the tree of a file.
+"""Paths that select an array in the tree of a file.
 
 A path is `group.sub.name`, with `/` allowed for `.`. Brackets contain one index per axis, counted
 from zero as in Python: `[3]` takes the fourth item and drops the axis, `[:]` keeps it, `[:, 1]` is
@@ -27,7 +27,7 @@ MINUS = " - "
 
 
 def select(root: Node, path: str) -> Leaf | list[Leaf]:
-    """Return the array at a path, or a list with one array per item if `[:]` runs over cells."""
+    """Return the array at a path, or a list of arrays if `[:]` visits several cells."""
     if MINUS not in path or (isinstance(root, Mapping) and path in root):
         return _follow(root, path)
     picked = [_follow(root, part.strip()) for part in path.split(MINUS, 1)]
@@ -39,13 +39,14 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
 
 
 def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
-    """Return the array at one path; the error message lists similar and available channels."""
+    """Return the array at one path; an error lists similar and available channels."""
     path = path.strip("/")
     try:
         return _walk(root, [], path)
     except DataError as error:
         name, unit = titled(path)
-        if unit and isinstance(root, Mapping) and name in root:  # a title followed by its unit
+        # This is a title followed by its unit.
+        if unit and isinstance(root, Mapping) and name in root:
             return _walk(root[name], [], "")
         channels = [name for name, item in names(root) if isinstance(item, Leaf)]
         listed = f"Found: {first_of(channels, 20) or 'nothing'}."
@@ -54,7 +55,7 @@ def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
 
 
 def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[Leaf]:
-    """Apply indices to a node, then follow the rest of the path from there."""
+    """Apply indices to a group, list or array, then follow the rest of the path."""
     if isinstance(node, Opaque):
         raise DataError(f"is {node.kind}, not an array of numbers.", remedy=node.remedy)
     while rest and rest[0] in CLOSING and (isinstance(node, Leaf) or not indices):
@@ -73,7 +74,7 @@ def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[L
     if not rest:
         raise DataError("is a group, not an array.")
     rest = rest.lstrip("./")
-    # A name is matched as the file has it, and never split at its own dots or brackets.
+    # A name is matched as it stands in the file, and never split at dots or brackets of its own.
     fitting = (n for n in map(str, node) if rest.startswith(n) and rest[len(n) :][:1] in "./[({")
     name = max(fitting, key=len, default="")
     if not name:
@@ -82,7 +83,7 @@ def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[L
 
 
 def _indices(rest: str) -> tuple[list[int | None], str]:
-    """Return the indices in the brackets at the start of `rest`, from zero, and the remainder."""
+    """Parse the brackets at the start of `rest`; return indices counted from zero, and the rest."""
     inside, closed, after = rest[1:].partition(CLOSING[rest[0]])
     if not (closed and INDICES.fullmatch(inside)):
         raise DataError(
@@ -104,10 +105,10 @@ def _indices(rest: str) -> tuple[list[int | None], str]:
 def _item(
     node: Mapping[str, Any] | NDArray[Any], indices: Sequence[int | None], rest: str
 ) -> Leaf | list[Leaf]:
-    """Apply the first index to a struct or to cells; `[:]` visits every cell in order."""
+    """Apply the first index to a struct or to cells; `[:]` visits all cells in order."""
     step, *others = indices
     if isinstance(node, Mapping):
-        if step in (0, None):  # a struct array of length one is a struct
+        if step in (0, None):  # A struct array of length one is treated as a struct.
             return _walk(node, others, rest)
         raise DataError(f"asks for item [{step}], counted from zero, but there is one item.")
     if step is not None:
@@ -125,7 +126,7 @@ def _require_within(step: int, length: int, but_words: str) -> None:
 
 
 def _pick(node: Leaf, steps: Sequence[int | None]) -> Leaf:
-    """Apply indices to the open axes of an array, in the user's order."""
+    """Apply indices, in the given order, to the axes of an array that have no index yet."""
     if len(steps) > len(node.axes):
         raise DataError(f"goes on after an array of shape {node.array.shape}.")
     fixed = {}

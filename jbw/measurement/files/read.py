@@ -1,4 +1,4 @@
-"""The single entry point for measurement files: open, convert to SI, check and report changes.
+"""The functions that read any measurement file: open, convert to SI, check and report changes.
 
 A reader is a module with `contents(path)`, a context manager that yields the open file as a tree
 (`jbw.measurement.files.tree`), and one line in `READERS`; npz.py is the shortest example. If the
@@ -23,13 +23,13 @@ from jbw.measurement.records import ROLES, Record
 from jbw.memory import Admit, admit_all
 from jbw.report.messages.reading import EXPORTS
 
-# Module that reads each suffix, imported when first needed.
+# the module that reads files of each suffix; it is imported when first needed
 READERS: dict[str, str] = {}
 PICKLES = (".pkl", ".pickle", ".p", ".joblib", ".pt")
 
 
 def register(module: str, *suffixes: str) -> None:
-    """Register a module, by its dotted name, as the reader of suffixes such as ".npz"."""
+    """Register a module, by its dotted name, as the reader of files with given suffixes."""
     READERS.update(dict.fromkeys(suffixes, module))
 
 
@@ -124,7 +124,7 @@ def records(path: Path, request: Wanted, admit: Admit = admit_all) -> tuple[Reco
 
 
 def report(record: Record, findings: Sequence[Fault]) -> None:
-    """Raise the first error among faults as a DataError; issue the other faults as warnings."""
+    """Raise the first error among faults as a DataError, and issue the others as warnings."""
     for finding in findings:
         what = f"{record.name}, channel `{finding.channel}`: {finding.what}"
         if finding.severity == "error":
@@ -134,14 +134,14 @@ def report(record: Record, findings: Sequence[Fault]) -> None:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Contents]:
-    """Open a measurement file with the reader of its suffix; raise a DataError if that fails."""
+    """Open a measurement file with the reader for its suffix; raise a DataError if that fails."""
     module = _reader_of(path)
     try:
         with import_module(module).contents(path) as contents:
             yield annotated(contents)
     except (JbwError, KeyboardInterrupt, MemoryError):
         raise
-    except Exception as error:  # a damaged file may raise anything inside a reader
+    except Exception as error:  # A damaged file may raise any error inside a reader.
         reason = str(error).strip().splitlines()[0] if str(error).strip() else "no reason given"
         raise DataError(
             f"File `{path}` ({path.stat().st_size} bytes) cannot be read by the {_short(module)} "

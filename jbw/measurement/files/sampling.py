@@ -23,11 +23,11 @@ from jbw.report.messages import reading as messages
 from jbw.report.messages.remedies import PUT
 from jbw.units import TIME, plain
 
-SLOWEST, FASTEST = 1e-6, 1e12  # plausible sampling frequencies of recorders [Hz]
-SAME_RATE = 2e-5  # relative difference allowed between channels of one record
+SLOWEST, FASTEST = 1e-6, 1e12  # range of plausible sampling frequencies of recorders [Hz]
+SAME_RATE = 2e-5  # largest relative difference between the rates of one record's channels
 ADRIFT = 1.0  # largest deviation of a sample's time from the even grid, in sampling intervals
 Repeats = list[NDArray[np.float64]]
-Sources = Mapping[str, list[Leaf]]  # arrays that the path of each role selects
+Sources = Mapping[str, list[Leaf]]  # the arrays that each role's path selects
 
 
 @dataclass(frozen=True)
@@ -46,14 +46,15 @@ class Wanted:
     lines_hz: tuple[float, ...] = ()
     conjugate: bool = False
     resample: float | None = None  # [Hz]; for channels of several rates or with uneven clocks
-    units_are: str = "file"  # whose units apply if file and campaign differ: "file" or "mine"
-    # Volts per unit, such as "100 mV/g", of sensors whose channels are in volts.
+    # whose units apply if file and campaign differ: "file" or "mine" (the campaign's)
+    units_are: str = "file"
+    # Sensitivities in volts per unit, such as "100 mV/g", of sensors whose channels are in volts.
     sensitivity: Mapping[str, str] = field(default_factory=dict)
-    is_timed: bool = True  # whether samples must have a time; samples of a loop need none
+    is_timed: bool = True  # whether samples must have times; samples of a force loop need none
 
 
 def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[float, str, slice]:
-    """Return sampling frequency [Hz] (NaN for a measured FRF), its source, and samples to read.
+    """Return sampling frequency [Hz] (NaN for a measured FRF), its origin, and the samples to read.
 
     All statements of the frequency in the file and the campaign must agree.
     """
@@ -102,7 +103,7 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
 def on_even_grid(
     rows: Repeats, item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[Repeats, str]:
-    """Resample a channel's rows to the caller's rate and span, and describe how."""
+    """Resample a channel's rows to the requested rate and span; describe how."""
     fs = request.resample or 0.0
     resampled: Repeats = []
     how = ""
@@ -128,7 +129,7 @@ def on_even_grid(
 def _own_clock(
     row: NDArray[np.float64], item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[float, NDArray[np.float64] | None]:
-    """Return the rate of a channel [Hz], and the times of its samples if these are uneven."""
+    """Return the rate of a channel [Hz], and the times of its samples if they are uneven."""
     if item.fs is not None:
         return item.fs, None
     for clock in sources.get("time", ()):
@@ -138,7 +139,7 @@ def _own_clock(
         time = np.asarray(printed, np.float64) * _seconds_in(clock, printed, request)
         times = time if request.span is None else time[rows_of_span(time, request.span)]
         if not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
-            sampling_frequency(times)  # raises an error that says where they fail
+            sampling_frequency(times)  # This raises an error that says where the times fail.
         try:
             return sampling_frequency(time)[0], None
         except DataError:
@@ -151,7 +152,7 @@ def _own_clock(
 
 
 def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> DataError:
-    """Return the error for an unknown sampling frequency, with candidate time columns."""
+    """Return the error for an unknown sampling frequency, with columns that may be times."""
     times = [name for name, _ in _unused_times(contents, sources)]
     remedy = messages.STATE_RATE
     if times:
@@ -164,20 +165,20 @@ def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> Data
 
 
 def _with_time(name: str, request: Wanted) -> str:
-    """Return the requested channels with a column of times added, formatted for a campaign file."""
+    """Return the requested channels and a column of times, formatted for a campaign file."""
     return toml_table({"time": name, **(request.channels or {})})
 
 
 def _agree_with_unused_time(
     contents: Contents, sources: Sources, request: Wanted, fs: float
 ) -> None:
-    """Raise a DataError if an unused time column of the file contradicts the sampling frequency."""
+    """Raise a DataError if an unused column of times contradicts the sampling frequency."""
     for name, item in _unused_times(contents, sources):
-        # Times are taken in their stated unit; without one, in seconds.
+        # Times are in their stated unit; without one, they are taken as seconds.
         try:
             seconds = load(item) * si_of("time", item.unit or "s")[0]
             steps = np.diff(seconds) * fs
-        except ConfigError:  # times in an unknown unit prove nothing
+        except ConfigError:  # Times in an unknown unit do not determine a rate.
             continue
         off = np.abs((seconds - seconds[0]) * fs - np.arange(len(seconds)))
         if len(steps) < 2 or not np.all(np.isfinite(steps)) or np.median(steps) <= 0:
@@ -193,7 +194,7 @@ def _agree_with_unused_time(
 
 
 def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, Leaf]]:
-    """Yield the columns that are named like times and are as long as a channel that is read."""
+    """Yield columns that have a name of times and the length of a channel that is read."""
     lengths = {max(item.shape, default=0) for items in sources.values() for item in items}
     for name, item in names(contents.root):
         is_time = isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())
@@ -217,7 +218,7 @@ def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
 
 
 def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice | None]:
-    """Return the sampling frequency of each time channel, and the samples to read, if limited.
+    """Return the sampling frequency of each channel of times, and the samples to read, if limited.
 
     A clock that is even only within the span determines the samples of the span as well.
     """
@@ -242,7 +243,7 @@ def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice |
 
 
 def _seconds_in(item: Leaf, printed: NDArray[np.number], request: Wanted) -> float:
-    """Return the seconds per unit of a time channel, as stated by the campaign or the file.
+    """Return the number of seconds per unit of a channel of times.
 
     Whole numbers without a unit are refused: they may be counts, or times in a small unit.
     """
@@ -261,7 +262,7 @@ def _seconds_in(item: Leaf, printed: NDArray[np.number], request: Wanted) -> flo
 
 
 def cut(fs: float, span: tuple[float, float] | None) -> slice:
-    """Return the slice of samples for a span in seconds."""
+    """Return the samples in a span of seconds as a slice."""
     if span is None:
         return WHOLE
     if not np.isfinite(fs):
@@ -278,8 +279,9 @@ def rows_of(
     exact: bool = True,
     curve: bool = False,
 ) -> Repeats:
-    """Return an array's repeats: itself or its rows; complex only for a response curve."""
-    # A time column is not converted to float64, because the last bit of its type is its resolution.
+    """Return an array's repeats: itself, or its rows; complex values only for a response curve."""
+    # A column of times is not converted to float64, because the last bit of its type is its
+    # resolution.
     loaded = load(item, part, np.float64 if exact else None)
     where = (request.channels or {}).get(role, role)
     if loaded.ndim > (2 if request.repeats == "rows" else 1):

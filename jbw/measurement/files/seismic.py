@@ -1,4 +1,4 @@
-"""MiniSEED and SAC files of seismic recorders, read with obspy, an optional extra."""
+"""MiniSEED and SAC files of seismic recorders, read by the optional package obspy."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,7 +10,7 @@ from jbw.measurement.files.tree import Contents, Leaf, Node, leaf, optional
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a file of traces, named by their identifiers; their values are counts without a unit.
+    """Open a file of traces, named by their identifiers; values are counts without a unit.
 
     Raises:
         DataError: A trace has gaps, which the format stores as separate pieces.

@@ -16,7 +16,7 @@ from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.files.tree import Contents, Leaf, leaf
 from jbw.measurement.records import ROLES, Record
 
-# The standard's letter for the measured quantity of each role.
+# the standard's letter for the measured quantity of each role
 QUANTITIES = {"force": "f", "acceleration": "a", "velocity": "v", "displacement": "d"}
 NEEDED = ("name", "data", "unit_str")
 
@@ -27,7 +27,7 @@ def from_sep005(
     *,
     name: str = "SEP-005",
 ) -> Record:
-    """Return SEP-005 series that were sampled together as one record, in SI units and checked.
+    """Return SEP-005 series that were sampled together as one checked record in SI units.
 
     `channels` gives the name of the series of each role. Without it, series named like a role are
     taken, or else series whose `quantity` belongs to a role.

@@ -1,4 +1,4 @@
-"""TDMS files, read with npTDMS, an optional extra: samples stay on disk until needed."""
+"""TDMS files, read by the optional package npTDMS; samples stay on disk until needed."""
 
 import logging
 import os
@@ -20,16 +20,16 @@ from jbw.measurement.files.tree import Contents, Node, OnDemand, Opaque, leaf, o
 
 # Properties that may contain a channel's unit.
 UNITS = ("unit_string", "NI_UnitDescription", "unit")
-INTERVAL = "wf_increment"  # property that holds the sampling interval [s]
-# Properties that contain a channel's start date, and seconds after it.
+INTERVAL = "wf_increment"  # property that contains the sampling interval [s]
+# Properties that contain a channel's start date, and the seconds after it.
 START, OFFSET = "wf_start_time", "wf_start_offset"
 SECOND = np.timedelta64(1, "s")
-LEAD_IN = 28  # bytes at the beginning of a segment
+LEAD_IN = 28  # number of bytes at the beginning of a segment
 METADATA, BIG_ENDIAN = 0x2, 0x40  # flags in the lead-in
 
 
 class Bounded(BufferedReader):
-    """A file that is never asked for more bytes than it has, as after a damaged length."""
+    """A file from which a damaged length cannot request more bytes than it has."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Return the next bytes of the file, at most up to its end."""
@@ -39,7 +39,7 @@ class Bounded(BufferedReader):
 
 @contextmanager
 def _overheard() -> Iterator[list[logging.LogRecord]]:
-    """Collect npTDMS's log messages, which print a damaged file's bytes at great length."""
+    """Collect npTDMS's log messages, which for a damaged file contain many of its bytes."""
     console = import_module("nptdms.log").log_manager.console_handler
     log, handler, level = logging.getLogger("nptdms"), BufferingHandler(sys.maxsize), console.level
     handler.setLevel(logging.WARNING)
@@ -58,7 +58,7 @@ def _overheard() -> Iterator[list[logging.LogRecord]]:
 def contents(path: Path) -> Iterator[Contents]:
     """Open a TDMS file as groups of channels, with the interval and unit of each."""
     nptdms = optional("nptdms", "tdms", path)
-    # Given a path instead of a stream, npTDMS would trust a stale index file next to it.
+    # With a path instead of a stream, npTDMS would trust an outdated index file next to it.
     with _overheard() as logged, Bounded(FileIO(path)) as stream:
         _require_consistent_segments(stream)
         with nptdms.TdmsFile.open(stream) as file:
@@ -67,7 +67,7 @@ def contents(path: Path) -> Iterator[Contents]:
 
 def _require_consistent_segments(stream: Bounded) -> None:
     """Raise a ValueError if a segment has lost its metadata flag or is cut off."""
-    # npTDMS would continue with the previous channels and append the segment's bytes to them.
+    # npTDMS would reuse the previous channels and append the segment's bytes to them.
     begin = 0
     while True:
         stream.seek(begin)
@@ -77,7 +77,7 @@ def _require_consistent_segments(stream: Bounded) -> None:
         if begin and (len(lead_in) < LEAD_IN or lead_in[:4] != b"TDSm"):
             raise ValueError(f"The segment at byte {begin} is cut within its lead-in.")
         if len(lead_in) < LEAD_IN or lead_in[:4] != b"TDSm":
-            break  # no TDMS file: npTDMS itself reports what is missing
+            break  # This is no TDMS file; npTDMS itself reports what is missing.
         flags = int.from_bytes(lead_in[4:8], "little")
         order = ">" if flags & BIG_ENDIAN else "<"
         length, samples_at = struct.unpack(f"{order}QQ", lead_in[12:])
@@ -107,7 +107,7 @@ def _checked(file: Any, logged: Sequence[logging.LogRecord], path: Path) -> Cont
         if START in channel.properties
     }
     first = min(starts.values(), default=None)
-    # As seconds, a date loses its microseconds; times therefore count from the first start.
+    # A date in seconds would lose its microseconds; times therefore count from the first start.
     seconds = {path: float((time - first) / SECOND) for path, time in starts.items()}
     root: dict[str, Node] = {
         group.name: {

@@ -1,4 +1,4 @@
-"""The content of a file of any format: a tree of names, cells and arrays, read on demand."""
+"""The content of a file of any format as a tree of names, cells and arrays, read on demand."""
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -14,39 +14,41 @@ from jbw import memory
 from jbw.errors import DataError
 from jbw.report.messages import reading as messages
 
-# Endings of names of sampling frequencies, such as `_fs_hz` or `log_samplerate`.
+# endings of names of sampling frequencies, such as `_fs_hz` or `log_samplerate`
 RATE = re.compile(
     r"(?:^|_)(?:fs|sampl(?:e|ing)_(?:frequency|freq|rate)|samplerate)(?:_?hz)?_*$", re.IGNORECASE
 )
-LONGEST_TEXT = 4096  # longest text in a file that is looked at [characters]
+LONGEST_TEXT = 4096  # longest text in a file that is examined [characters]
 WHOLE = slice(0, None)
 
 
 @dataclass(frozen=True)
 class Leaf:
-    """A numeric array of a file and the part of it that a path selects, read only on demand."""
+    """A numeric array of a file, and the part of it that a path selects; it is read on demand."""
 
-    array: Any  # numpy array or file object, such as an h5py dataset, with shape, dtype and items
-    axes: tuple[int, ...]  # stored axes without an index yet, in the user's order
-    # Index taken along each fixed stored axis.
+    # numpy array, or an object of the file such as an h5py dataset, with shape and dtype
+    array: Any
+    axes: tuple[int, ...]  # stored axes that have no index yet, in the user's order
+    # index at which each other stored axis is fixed
     fixed: Mapping[int, int] = field(default_factory=dict)
     fs: float | None = None  # sampling frequency that the file states for the array [Hz], if any
     unit: str = ""  # unit that the file states for the array, if any
-    start_s: float | None = None  # start of the array by the file, from an arbitrary instant [s]
-    minus: "Leaf | None" = None  # leaf to subtract, if this is a difference of two channels
+    # start of the array as stated in the file, from an arbitrary time [s]
+    start_s: float | None = None
+    minus: "Leaf | None" = None  # an array to subtract, if this is a difference of two channels
     label: str = ""  # name of the array in the file, if its path does not contain it
-    # All other attributes of the array in the file.
+    # all other attributes of the array in the file
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The length of each axis that the path has not indexed."""
+        """The length of each axis that has no index."""
         return tuple(self.array.shape[axis] for axis in self.axes)
 
 
 @dataclass(frozen=True)
 class OnDemand:
-    """An array of a file, read and converted index by index through a function."""
+    """An array of a file that a function reads and converts part by part."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
@@ -56,17 +58,17 @@ class OnDemand:
         return np.asarray(self.read(index), self.dtype)
 
     def astype(self, dtype: DTypeLike) -> "OnDemand":
-        """Return the array with another type for its values."""
+        """Return the array with another type of values."""
         return replace(self, dtype=np.dtype(dtype))
 
 
 @dataclass(frozen=True)
 class Opaque:
-    """A node of a file that is no array of numbers."""
+    """An item of a file that is no array of numbers."""
 
     kind: str  # description, for messages
     remedy: str = ""  # how to export it as numbers
-    text: str = ""  # its content if it is text; several texts are one line each
+    text: str = ""  # its content if it is text, with one line per text
 
 
 @dataclass(frozen=True)
@@ -76,29 +78,29 @@ class Contents:
     root: "Node"  # tree of the file
     reader: str  # name of the reader that opened it
     fs: float | None = None  # sampling frequency of the whole file [Hz], if stated
-    # Decisions that the reader made, for the provenance.
+    # decisions of the reader, for the provenance
     notes: Mapping[str, str] = field(default_factory=dict)
     attributes: Mapping[str, Any] = field(default_factory=dict)  # attributes of the file as a whole
-    # Measured channels by path; None if any array may be one.
+    # Measured channels by path; None if any array may be a channel.
     series: "Mapping[str, Leaf] | None" = None
-    recorder: str = ""  # recorder that wrote the file, if it is known
-    # Statements of the file that the reader cannot use, one sentence each.
+    recorder: str = ""  # recorder that wrote the file, if known
+    # sentences on information in the file that the reader cannot use
     doubts: tuple[str, ...] = ()
 
 
-# A container of cells is a numpy array of objects; each object is a node.
+# Cells are stored as a numpy array of objects, each of which is again an item of the tree.
 Node = Mapping[str, Any] | NDArray[Any] | Leaf | Opaque
 
 
 def leaf(
     array: Any, *, fs: float | None = None, unit: str = "", start_s: float | None = None
 ) -> Leaf:
-    """Return the leaf of a whole array, with its axes in stored order."""
+    """Return a whole array as an item of the tree, with its axes in stored order."""
     return Leaf(array, tuple(range(len(array.shape))), fs=fs, unit=unit, start_s=start_s)
 
 
 def numeric(array: NDArray[Any]) -> Leaf | Opaque:
-    """Return the leaf of an array in memory if it contains numbers, else an opaque node."""
+    """Return an array in memory as an item of the tree; opaque if it contains no numbers."""
     if np.issubdtype(array.dtype, np.number):
         return leaf(array)
     if not np.issubdtype(array.dtype, np.character):
@@ -108,7 +110,7 @@ def numeric(array: NDArray[Any]) -> Leaf | Opaque:
 
 
 def cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return an object array of the given shape filled with nodes."""
+    """Return an object array of the given shape, filled with items of the tree."""
     container = np.empty(len(nodes), dtype=object)
     for i, node in enumerate(nodes):
         container[i] = node
@@ -116,7 +118,7 @@ def cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> NDArray[Any]:
 
 
 def names(root: Node, prefix: str = "") -> Iterator[tuple[str, Leaf | Opaque]]:
-    """Yield the path and node of every array or opaque node of the tree."""
+    """Yield the path and content of every array or opaque item of the tree."""
     if isinstance(root, Leaf | Opaque):
         yield prefix, root
     elif isinstance(root, Mapping):
@@ -128,8 +130,8 @@ def names(root: Node, prefix: str = "") -> Iterator[tuple[str, Leaf | Opaque]]:
 
 
 def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> NDArray[Any]:
-    """Load a leaf, or a part along its last open axis; axes of length one are dropped."""
-    # The array is converted to `dtype` on reading, unless `dtype` is None or the array complex.
+    """Load an array, or a part along its last open axis; axes of length one are dropped."""
+    # The array is converted to `dtype` on reading, unless `dtype` is None or the array is complex.
     array: Any = source.array
     axes = [axis for axis in source.axes if array.shape[axis] != 1] or source.axes[-1:]
     index: list[Any] = [source.fixed.get(i, 0) for i in range(len(array.shape))]
@@ -138,7 +140,7 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     if axes:
         index[axes[-1]] = part
     lengths = [len(range(*index[axis].indices(array.shape[axis]))) for axis in axes]
-    # Count the size in memory, since packed bytes of a file may unpack to eight times as many.
+    # The size in memory counts, since packed bytes of a file may unpack to eight times as many.
     width = max(array.dtype.itemsize, np.dtype(dtype or array.dtype).itemsize)
     size = int(np.prod(lengths, dtype=np.float64)) * width
     fewer = memory.MAX_BYTES * lengths[-1] / max(size, 1) if lengths else 1
@@ -146,7 +148,7 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     memory.require_readable(size, messages.channel_takes(source.shape), remedy)
     is_complex = np.issubdtype(array.dtype, np.complexfloating)
     if dtype is not None and not is_complex and not isinstance(array, np.ndarray):
-        array = array.astype(dtype)  # h5py converts as it reads, without a second copy
+        array = array.astype(dtype)  # h5py converts while it reads, without a second copy.
     loaded = np.asarray(array[tuple(index)], None if is_complex else dtype)
     loaded = np.atleast_1d(loaded.transpose(np.argsort(np.argsort(axes))))
     if source.minus is None:
@@ -161,13 +163,13 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
             f"the other {facts[1]}.",
             remedy="Subtract channels that were sampled together, in one unit.",
         )
-    # Subtract in float64, so that integers do not wrap around.
+    # The difference is computed in float64, so that integers do not wrap around.
     subtracted = load(source.minus, part)
     return np.subtract(loaded, subtracted, dtype=np.result_type(loaded, subtracted, np.float64))
 
 
 def optional(package: str, extra: str, path: Path) -> Any:
-    """Import a library that only one file format needs; raise a DataError if it is missing."""
+    """Import a package that only one file format needs; raise a DataError if it is missing."""
     try:
         return import_module(package)
     except ImportError:

@@ -1,4 +1,4 @@
-"""UFF 58 files, read and written with pyuff, an optional extra; sets are numbered from zero."""
+"""UFF 58 files, read and written by the optional package pyuff; sets are numbered from zero."""
 
 import os
 import re
@@ -16,7 +16,7 @@ from jbw.measurement.files.tree import Contents, Leaf, Node, cells, leaf, load, 
 from jbw.measurement.records import Record
 from jbw.units import FACTORS, measured, plain
 
-# Quantity of each specific data type of the format.
+# the quantity for each specific data type of the format
 SPECIFIC = {8: "displacement", 9: "force", 11: "velocity", 12: "acceleration", 13: "force"}
 BEHIND = {"displacement": "", "force": "", "velocity": "/s", "acceleration": "/s^2"}
 SYSTEMS = {
@@ -25,7 +25,7 @@ SYSTEMS = {
     7: {"length": "in", "force": "lbf"}, 8: {"length": "mm", "force": "kgf"},
     10: {"length": "mm", "force": "N"},
 }  # fmt: skip
-SAME_FACTOR = 1e-5  # relative; files round the factor of a named unit
+SAME_FACTOR = 1e-5  # largest relative error of a named unit's factor, which files round
 MOST_PADDED = 5  # largest number of values that pad the last line of a set
 FREQUENCY_RESPONSE = 4  # function type of the format
 SET = re.compile(rb"^ {4}-1[ \t]*\r?\n[ \t]*(\d+)b?(?=\s)", re.MULTILINE)  # the head of a set
@@ -34,7 +34,7 @@ TAKEN = (58, 151, 164)  # types of sets that are read: functions, program, units
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
-    """Open a universal file as `set[0]`, `set[1]`, ..., and by name where names are unique."""
+    """Open a universal file as `set[0]`, `set[1]`, ..., and by names if these are unique."""
     declared = [int(number) for number in SET.findall(path.read_bytes())]
     if declared and 58 not in declared:
         others = ", ".join(map(str, sorted(set(declared))))
@@ -81,8 +81,9 @@ def names_of(node: Node, path: str) -> Iterator[tuple[str, Leaf]]:
 
 
 def _stated(dataset: Mapping[str, Any], key: str) -> str:
-    """Return a text field of a data set; empty if it reads NONE."""
-    # pyuff replaces bytes that are not UTF-8; after an `s` this was a Latin-1 superscript two.
+    """Return a text field of a data set; empty if it contains NONE."""
+    # pyuff replaces bytes that are not UTF-8; after an `s` such a byte was a Latin-1 superscript
+    # two.
     text = re.sub("(?<=s)\ufffd", "^2", str(dataset.get(key, "")).strip())
     return "" if text.upper() == "NONE" else text
 
@@ -93,7 +94,7 @@ def _number(dataset: Mapping[str, Any], key: str) -> float:
 
 
 def _titles(sets: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the sets' names: first lines, or ordinate labels if first lines are uninformative."""
+    """Return the sets' names: first lines of identification, or labels if these say nothing."""
     firsts = [_stated(dataset, "id1") for dataset in sets]
     labels = [_stated(dataset, "ordinate_axis_lab") for dataset in sets]
     first_lines_differ = len(set(firsts)) > 1 or len(sets) == 1
@@ -104,7 +105,7 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
     data, declared = np.asarray(dataset["data"]), dataset.get("num_pts")
     x = np.asarray(dataset["x"])
     if declared is not None and declared < len(data) <= declared + MOST_PADDED:
-        if not np.any(data[declared:]):  # zeros that pad the last line
+        if not np.any(data[declared:]):  # Zeros pad the last line.
             data, x = data[:declared], x[:declared]
     if declared not in (None, len(data)):
         raise DataError(
@@ -134,7 +135,7 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
 
 
 def _is_ratio(unit: str) -> bool:
-    """Return whether a unit already is a response per force, such as `m/s^2/N` or `1/kg`."""
+    """Return whether a unit is that of a response per force, such as `m/s^2/N` or `1/kg`."""
     of_unit = measured(plain(unit))
     return of_unit is not None and of_unit[1][1] < 0
 
@@ -159,7 +160,7 @@ def _unit_of(
 
 
 def write_uff(path: str | Path, record: Record) -> None:
-    """Write the channels of a time record as UFF 58 in SI, one double-precision set per channel.
+    """Write a time record's channels as UFF 58 in SI, one double-precision set per channel.
 
     The sets are named by the roles of the channels, so that `jbw.read` finds them. The file is read
     back before it gets its name. The format stores the sampling interval with five digits.
@@ -236,7 +237,7 @@ def _set_of(record: Record, role: str) -> dict[str, Any]:
 
 
 def _require_same(path: Path, record: Record) -> None:
-    """Raise a DataError if a written file does not read back with the record's samples."""
+    """Raise a DataError if a file that was written does not contain the record's samples."""
     with contents(path) as written:
         leaves = dict(names(written.root))
         for role, samples in record.channels.items():

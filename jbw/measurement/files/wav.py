@@ -1,4 +1,4 @@
-"""WAV files: full scale is 1, so a calibration factor is needed; truncated files are refused."""
+"""WAV files: full scale is 1, so that a calibration factor is needed; cut files are rejected."""
 
 import struct
 import warnings
@@ -19,12 +19,13 @@ def contents(path: Path) -> Iterator[Contents]:
     """Open a WAV file as `channel[0]`, `channel[1]`, ...; full scale of integer samples is 1."""
     _require_whole(path)
     with warnings.catch_warnings():
-        # If the data chunk is cut short, scipy only warns and returns the samples before the cut.
+        # If the data chunk is cut off, scipy only warns and returns the remaining samples.
         warnings.simplefilter("error", scipy.io.wavfile.WavFileWarning)
         warnings.filterwarnings("ignore", message=".*not understood.*")
         try:
             rate, samples = scipy.io.wavfile.read(path, mmap=True)
-        except ValueError:  # samples of 24 bits cannot be mapped; a damaged file fails again here
+        # Samples of 24 bits cannot be mapped into memory; a damaged file fails again here.
+        except ValueError:
             rate, samples = scipy.io.wavfile.read(path)
     stored, integer = np.atleast_2d(samples.T), np.issubdtype(samples.dtype, np.integer)
     full = 2.0 ** (8 * samples.dtype.itemsize - 1) if integer else 1.0
@@ -39,7 +40,7 @@ def contents(path: Path) -> Iterator[Contents]:
 
 
 def _require_whole(path: Path) -> None:
-    """Raise a ValueError if a chunk exceeds the file, has partial samples, or is not a chunk."""
+    """Raise a ValueError if a chunk exceeds the file, has incomplete samples, or is not a chunk."""
     size, frame = path.stat().st_size, 1
     with path.open("rb") as stream:
         order = {b"RIFF": "<", b"RIFX": ">"}.get(stream.read(12)[:4])
@@ -62,7 +63,7 @@ def _require_whole(path: Path) -> None:
 
 
 def _frame_of(head: tuple[int, ...]) -> int:
-    """Return the bytes per frame (one sample of every channel) if the header is consistent."""
+    """Return the bytes per sample of all channels; raise an error for an inconsistent header."""
     channels, rate, bytes_a_second, frame, bits = head
     if bytes_a_second != rate * frame or frame != channels * -(-bits // 8):
         raise ValueError(

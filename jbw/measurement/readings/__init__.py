@@ -1,1 +1,1 @@
-"""Frequency and damping of one mode against amplitude, read from a record, with errors."""
+"""Frequency and damping of one mode against amplitude, measured in a record, with errors."""

@@ -1,4 +1,4 @@
-r"""A free decay of one mode in a band: its filtered samples, and the slow flow fitted to them.
+r"""A free decay of one mode in a band: its filtered samples, and its fitted change of amplitude.
 
 $$t = \int \frac{d \ln a}{-\sigma(a)}, \qquad \varphi = \int \frac{\omega(a)}{\sigma(a)}\,d\ln a$$
 
@@ -32,24 +32,29 @@ from jbw.measurement.readings.slow_flow import (
 )  # fmt: skip
 
 BETA = 7.0  # shape of the Kaiser window that filters the band
-LAW_ERROR = 1e-3  # relative error of the model of a sound joint, from averaging and from the basis
+# relative error of the model for a sound joint, from averaging and from truncated powers
+LAW_ERROR = 1e-3
 QUANTUM_NOISE = 0.02  # variance of quantisation, divided by the square of half a converter step
-# Share of the largest envelope from which a blow counts, as a later one may be stronger.
+# A blow counts if the envelope exceeds this fraction of its largest value; a later one may be
+# stronger.
 FIRST_BLOW = 0.6
 QUADRATURE = 160  # number of amplitudes in the quadrature
-MOMENTS = 24  # even moments of the filter, which give its response to 1e-12 in its band
-FEWEST_POWERS = 14  # fewest values for a fit of a power of the amplitude
-# A further term of a basis is kept if it reduces the sum of squares to this share or less.
+MOMENTS = 24  # number of even moments of the filter, which give its response to 1e-12 in its band
+FEWEST_POWERS = 14  # smallest number of values for a fit of a power of the amplitude
+# A further power of the amplitude is kept if it reduces the sum of squares to at most this
+# fraction.
 WORTH_A_TERM = 0.9
-NO_MODEL = 1e3  # times the signal: value that stands for an invalid model
-FADED = 2.4  # half converter steps below which a converter without dither shows nothing
+NO_MODEL = 1e3  # value of an invalid model, relative to the signal
+# number of half converter steps below which a signal without dither is not recorded at all
+FADED = 2.4
 QUIETEST = 0.3  # amplitude relative to the noise at which a decay ends
-LOUD = 4.0  # noise amplitudes, which noise alone exceeds in one of 10^7 values
+LOUD = 4.0  # multiple of the noise's amplitude that noise alone exceeds in one of 10^7 values
 FEWEST_KEPT = 24
-LEAST_FALL = 1e-3  # smallest rate of fall of a decay's envelope, relative to `scale`
-# Gain of the filter above which lines are used for the noise, and their smallest number.
+LEAST_FALL = 1e-3  # smallest rate at which a decay's envelope falls, relative to `scale`
+# Lines at which the filter's gain exceeds the first number determine the noise; the second is their
+# smallest number.
 HALF_GAIN, FEWEST_LINES = 0.5, 12
-SAFE = 1.15  # factor on a noise that is estimated from few lines
+SAFE = 1.15  # safety factor on noise that is estimated from few lines
 
 
 class Jump(NamedTuple):
@@ -122,7 +127,7 @@ class DecaySignal:
         return np.abs(self.z)
 
     def first(self) -> tuple[float, float]:
-        """Return damping rate and frequency above the centre [rad/s] of the values above noise."""
+        """Return a first estimate of damping rate and frequency above the band's centre [rad/s]."""
         size = self.size
         loud = np.flatnonzero(size > max(0.1 * size[0], 3 * min(self.tail, 0.02 * size[0])))
         stop = max(int(loud[-1]) + 1 if loud.size else len(size), min(6, len(size)))
@@ -131,7 +136,7 @@ class DecaySignal:
         return max(float(rate), 1e-3 / self.time[-1]), turn
 
     def passed(self, turn: float) -> float:
-        """Return the filter's gain for a steady line at a frequency above the centre [rad/s]."""
+        """Return the filter's gain for a steady line, given by its frequency above the centre."""
         return float(np.abs(np.exp(_log_response(self, np.array([1j * turn]))[0]))[0])
 
     def until(self, count: int) -> "DecaySignal":
@@ -139,7 +144,7 @@ class DecaySignal:
         return replace(self, z=self.z[:count], time=self.time[:count])
 
     def filtered_step(self, at_s: float) -> Reals:
-        """Return a unit step at a given time [s], as passed by the filter."""
+        """Return a unit step at a given time [s] after the filter."""
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
 
@@ -160,7 +165,7 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
     carrier = np.exp(-2j * np.pi * centre / fs * np.arange(len(x)))
     whole = 2 * fftconvolve(x * carrier, taps, "valid")
     size = np.abs(whole)
-    # The blow is half a filter length after the peak of the envelope, or the record's beginning.
+    # The blow is half a filter length after the envelope's peak, or at the record's beginning.
     top = int(np.argmax(size > FIRST_BLOW * size.max()))
     top += int(np.argmax(size[top : top + half + 1]))
     start = 0 if top < half // 4 else top + half + half // 2
@@ -179,7 +184,7 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
 
 
 def _between_lines(z: Complexes, taps: Reals, step: int) -> float:
-    r"""Return the noise amplitude in the last third of an envelope, excluding lines and modes.
+    r"""Return the noise amplitude in the last third of an envelope, without lines and modes.
 
     $$E|Z(f)|^2 = 4\sigma^2 |H(f)|^2 \sum w^2 / s, \qquad E|z|^2 = 4\sigma^2 \sum h^2$$
 
@@ -207,7 +212,7 @@ def _moments(taps: Reals, fs: float) -> Reals:
 
 
 def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Complexes]:
-    """Return the log of a filter's response to exp(s t), and its derivative with respect to s."""
+    """Return the log of a filter's response to exp(s t), and its derivative by s."""
     square = pole**2
     response, slope = np.full(len(pole), signal.moments[-1], complex), np.zeros(len(pole), complex)
     for moment in signal.moments[-2::-1]:
@@ -219,7 +224,7 @@ def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Comp
 def decay_model(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, jump: Jump | None = None
 ) -> Complexes:
-    """Return the filtered decay of a slow flow at the times of the signal.
+    """Return the filtered decay of a mode with given powers of amplitude, at the signal's times.
 
     `theta` contains ln a and phase at the start, the coefficients of the damping rate and of the
     frequency above the centre, both over `scale` [1/s], and the exponent.
@@ -236,7 +241,7 @@ def decay_model(
         if jump is not None:
             log = log + signal.filtered_step(jump.time_s) * (jump.growth + 1j * jump.turn)
         return np.exp(log)
-    # The flow starts above the decay and any jump, and ends below the noise.
+    # The computed decay starts above the first amplitude and any jump, and ends below the noise.
     above = max(jump.growth, 0.0) + 0.05 if jump is not None else 0.0
     flow = _flow(signal, theta, basis, scale, above)
     if flow is None:
@@ -259,7 +264,7 @@ def decay_model(
 def decay_slopes(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, model: Complexes
 ) -> Complex[np.ndarray, "value parameter"]:
-    r"""Return the derivatives of a filtered decay with respect to `theta`; zero if invalid.
+    r"""Return the derivatives of a filtered decay with respect to `theta`; zero if it is invalid.
 
     $$\delta L = \sigma\,\delta t, \quad \delta t = \frac{\delta L_0}{\sigma(L_0)}
       - \int \frac{\delta\sigma}{\sigma^2}\,dL, \qquad
@@ -303,12 +308,12 @@ def decay_slopes(
 
 
 def _steepest(signal: DecaySignal) -> float:
-    """Return the damping rate above which the filter's moments are no longer accurate [1/s]."""
+    """Return the damping rate above which the filter's moments are not accurate [1/s]."""
     return 300 * signal.fs / max(signal.half, 1)
 
 
 class _Flow(NamedTuple):
-    """A slow flow against log amplitude: rates, their parameter derivatives, and times [s]."""
+    """The slow change of a decay over log amplitude: rates, their derivatives, and times [s]."""
 
     signal: DecaySignal
     logs: Reals
@@ -326,7 +331,7 @@ class _Flow(NamedTuple):
         return rate
 
     def course(self) -> "_Course":
-        """Return the flow as a function of time."""
+        """Return the same decay as a function of time."""
         through, _ = _log_response(self.signal, self.slope)
         phase = _integral(self.turn / self.sigma, self.step)
         return _Course(
@@ -338,7 +343,7 @@ class _Flow(NamedTuple):
 def _flow(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, above: float = 0.0
 ) -> _Flow | None:
-    """Return the slow flow for given powers of amplitude from its start; None if invalid."""
+    """Return a decay's rates and times against log amplitude; None if the decay is invalid."""
     terms = basis.terms
     own, turned = slice(2, 2 + terms), slice(2 + terms, 2 + 2 * terms)
     low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
@@ -362,7 +367,7 @@ def _flow(
 
 
 class _Course(NamedTuple):
-    """A slow flow over time: knots, log a + j phase with its slopes, and the filter's response."""
+    """A decay over time: values of log a + j phase, their slopes, and the filter's response."""
 
     time: Reals
     log: Complexes
@@ -371,7 +376,7 @@ class _Course(NamedTuple):
     through_slope: Complexes
 
     def at(self, since: Reals) -> Complexes:
-        """Return the logarithm of the filtered decay, extended linearly beyond the last knot."""
+        """Return the logarithm of the filtered decay, linear beyond the last knot."""
         both = self.log + self.through, self.slope + self.through_slope
         late = np.maximum(since - self.time[-1], 0.0)
         return _hermite(self.time, *both, np.minimum(since, self.time[-1])) + late * self.slope[-1]
@@ -386,7 +391,6 @@ class _Course(NamedTuple):
 
 
 def _hermite(knots: Reals, values: Complexes, slopes: Complexes, at: Reals) -> Complexes:
-    """Interpolate by cubics through the values and slopes at the knots."""
     i = np.clip(np.searchsorted(knots, at, "right") - 1, 0, len(knots) - 2)
     step = knots[i + 1] - knots[i]
     x = (at - knots[i]) / step
@@ -452,7 +456,7 @@ def fit_decay(
     jac: Any = "2-point" if cause is not None and cause.apply is None else slopes_at
     begin = np.concatenate([start, cause.start]) if cause is not None else np.array(start, float)
     lower, upper = np.full(len(begin), -np.inf), np.full(len(begin), np.inf)
-    if basis.terms == 1:  # a free motion decays, although beating may look like growth
+    if basis.terms == 1:  # A free motion decays, although beating may look like growth.
         lower[2], begin[2] = LEAST_FALL, max(begin[2], 2 * LEAST_FALL)
     if basis.is_free:
         at = count - 1
@@ -506,7 +510,7 @@ class DecayFits(NamedTuple):
 
 
 def fit_bases(signal: DecaySignal) -> DecayFits:
-    """Fit a mode to a decay, with each set of powers of amplitude; estimate the noise first."""
+    """Fit a mode to a decay with each set of powers of the amplitude; estimate the noise first."""
     scale, turn = signal.first()
     noise = max(signal.tail, 1e-9 * signal.a0)
     half_step = 0.5 * signal.quantum
@@ -515,8 +519,8 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         own = min(noise, 0.3 * signal.a0) ** 2 + QUANTUM_NOISE * half_step**2
         return 1 / np.sqrt(own + (LAW_ERROR * size) ** 2)
 
-    # Start from the mean frequency and the strongest line, since beating modes can mislead one
-    # start.
+    # One start has the mean frequency, one the strongest line, since beating modes can mislead
+    # either.
     turns = turn, strongest_line(signal.z, signal.step_s)[0]
     begins = ([np.log(signal.size[0]), np.angle(signal.z[0]), 1.0, one / scale] for one in turns)
     weight = weight_at(signal.size)
@@ -530,14 +534,14 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         quiet = size < 0.5 * noise
         if quiet.sum() > 8:
             left = float(np.sqrt(np.mean(np.abs(linear.residual[quiet]) ** 2)))
-            # Noise is at most the level at the end of the record, whatever residual a single mode
-            # leaves.
+            # Noise is at most the level at the record's end, however large the residual of a single
+            # mode is.
             noise = max(min(left, signal.tail), 1e-12 * signal.a0)
         else:
             late = np.abs(linear.residual[-max(len(size) // 5, 4) :])
             noise = max(min(noise, float(np.sqrt(np.mean(late**2)))), 1e-9 * signal.a0)
     ends = int(np.searchsorted(-size, -max(QUIETEST * noise, FADED * half_step)))
-    # The model of a single mode may have decayed where two beating modes continue.
+    # The model of a single mode may have decayed while two beating modes continue.
     loud = np.flatnonzero(signal.size > max(LOUD * noise, FADED * half_step))
     signal = signal.until(max(ends, FEWEST_KEPT, int(loud[-1]) + 1 if loud.size else 0))
     weight = weight_at(size[: len(signal.z)])
@@ -550,7 +554,7 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
 def _powers(
     signal: DecaySignal, linear: ModeFit, scale: float, weight: Reals
 ) -> dict[str, ModeFit]:
-    """Fit bases with more and more powers of the amplitude while the residual decreases."""
+    """Fit more and more powers of the amplitude while the residual decreases."""
     level, phase, sigma, turn = linear.theta
 
     def fitted(name: str, start: list[float]) -> ModeFit:

@@ -1,4 +1,4 @@
-r"""Least-squares fit of a force loop by sliders, a dashpot and springs, without a law.
+r"""The fit of a force loop by sliders, a dashpot and springs, without a law of the joint.
 
 $$F(y, t) = \sum_i w_i f_i(y) + w \dot y + \sum_j c_j s_j(y) + c_0 + c_1 t, \qquad w_i, w \ge 0$$
 
@@ -23,16 +23,16 @@ from jbw.measurement.channels import Reals
 
 # number of sliders, and their smallest half width divided by the largest motion
 NUM_SLIDERS, SHORTEST = 48, 0.01
-POWERS = (1, 2, 3, 4, 5)  # powers of displacement of the springs
+POWERS = (1, 2, 3, 4, 5)  # powers of the displacement in the forces of springs
 ONE_SIDED = (0.2, 0.4, 0.6, 0.8)  # gaps of one-sided contacts, divided by the largest motion
 TWO_SIDED = (0.1, 0.3, 0.5, 0.7)
-MOST_SAMPLES = 5000  # samples that are read; a denser loop is thinned
+MOST_SAMPLES = 5000  # largest number of samples that are used; a longer loop is thinned
 
 Columns = Float[np.ndarray, "sample column"]
 
 
 class LoopBasis(NamedTuple):
-    """Columns of unit forces along a motion: sliders and a dashpot, and springs with constants."""
+    """Forces per unit along a motion: of sliders and a dashpot, and of springs and a constant."""
 
     losses: Columns
     springs: Columns
@@ -62,9 +62,9 @@ def slider_columns(y: Reals, half_widths: Reals, gaps: Reals | float = 0.0) -> C
 
 
 def basis_of(y: Reals) -> LoopBasis:
-    """Return the force columns of a motion, each scaled to about one."""
+    """Return the columns of unit forces along a motion, each scaled to about one."""
     largest = float(np.max(np.abs(y - y[0])))
-    # A slider as wide as the motion never slips, so that it would be a spring.
+    # A slider as wide as the motion would never slip and thus be a spring.
     half_widths = largest * np.geomspace(SHORTEST, 1.0, NUM_SLIDERS + 1)[:-1]
     sliders = slider_columns(y - y[0], half_widths) / largest
     u = y / max(float(np.max(np.abs(y))), largest)
@@ -88,7 +88,7 @@ def fit_loop(basis: LoopBasis, force: Reals, beside: Sequence[Reals] = ()) -> Lo
     orthonormal, upper = np.linalg.qr(free)
     both = np.column_stack([basis.losses, force])
     away = both - orthonormal @ (orthonormal.T @ both)
-    # The triangular factor keeps the sums of squares, with only as many rows as columns.
+    # The triangular factor keeps the sums of squares, but has only as many rows as columns.
     triangle = np.linalg.qr(away, mode="r")
     strengths, _ = nnls(triangle[:, :-1], triangle[:, -1])
     residual = away[:, -1] - away[:, :-1] @ strengths

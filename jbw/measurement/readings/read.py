@@ -12,15 +12,15 @@ from jbw.measurement.readings.sweep import SweepFits, SweepSignal
 from jbw.measurement.records import Record
 from jbw.quantities import derivative_order
 
-FEWEST = 16  # values of an envelope
-MOVING = 0.05  # share of the largest motion above which the mode is moving
+FEWEST = 16  # smallest number of values of an envelope
+MOVING = 0.05  # The mode is moving if its motion exceeds this fraction of the largest motion.
 # width added on either side, divided by the frequency range in which the mode is moving
 PADDED = 0.35
-NARROWER = 0.7  # share of a band below which a narrower band replaces it
-FAST = 6.0  # sqrt of the sweep rate: half of a band that lasts many lengths of its filter
-DRIVEN = 5e-3  # share of the drive's energy beyond either end of its sweep
+NARROWER = 0.7  # A narrower band replaces the given one if its width is below this fraction.
+FAST = 6.0  # smallest half width of a band, as a multiple of the square root of the sweep rate
+DRIVEN = 5e-3  # fraction of the drive's energy beyond either end of its sweep
 MARGIN = 0.15  # width added on either side, divided by the swept range
-MOST_VALUES = 20_000  # largest number of values of a thinned sweep: no mode needs a band with more
+MOST_VALUES = 20_000  # largest number of values of a thinned sweep; no mode needs a band with more
 
 
 def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) -> DecayFits | None:
@@ -30,7 +30,8 @@ def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) ->
     if len(x) < FEWEST or not 0 < low < high < record.fs / 2 or not np.any(x):
         return None
     x = x - np.mean(x)
-    unit = float(np.max(np.abs(x)))  # the optimiser then takes the same steps in any unit
+    # With unit amplitude, the optimiser takes the same steps in any unit.
+    unit = float(np.max(np.abs(x)))
     signal = decay.decay_signal(x / unit, record.fs, band_hz, derivative_order(record.response))
     signal = replace(signal, unit=unit)
     if len(signal.z) < FEWEST or not np.all(signal.size > 0):
@@ -41,7 +42,7 @@ def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) ->
 def swept_signal(
     record: Record, band_hz: tuple[float, float] | None, lag_s: float
 ) -> tuple[SweepSignal, tuple[float, float]] | None:
-    """Filter a record of a sweep; return it and its band, or None if no band can be found."""
+    """Filter a record of a sweep; return it and the band used, or None if there is no band."""
     u, y = (record.channels[role] for role in (record.source, record.response))
     u, y = u - np.mean(u), y - np.mean(y)
     band = swept_band(u, record.fs, band_hz)
@@ -59,7 +60,7 @@ def swept_signal(
 
 
 def sweep_fits(signal: SweepSignal) -> SweepFits | None:
-    """Fit one mode to a sweep; return None if it has too few or many values, or stands still."""
+    """Fit one mode to a sweep; return None for too few or too many values, or without motion."""
     if not FEWEST < len(signal.time) < MOST_VALUES or np.any(signal.rate <= 0):
         return None
     return sweep.fit_bases(signal)
@@ -68,7 +69,7 @@ def sweep_fits(signal: SweepSignal) -> SweepFits | None:
 def swept_band(
     u: Reals, fs: float, band_hz: tuple[float, float] | None
 ) -> tuple[float, float] | None:
-    """Return the frequency range [Hz] that a drive sweeps within a given band; None if none."""
+    """Return the frequencies [Hz] that a drive sweeps inside a given band; None without any."""
     freq = np.fft.rfftfreq(len(u), 1 / fs)
     power = np.abs(np.fft.rfft(u)) ** 2
     if not power.sum() > 0 or len(freq) < 8:
@@ -83,7 +84,7 @@ def swept_band(
 
 
 def near_resonance(signal: SweepSignal, band_hz: tuple[float, float]) -> tuple[float, float] | None:
-    """Return the band about the single resonance [Hz]; None if the given band is narrow enough.
+    """Return a narrower band about the single resonance [Hz]; None if the band is narrow enough.
 
     The band contains the frequencies at which the motion, including ringing, exceeds 5 % of its
     largest value, and a third more on either side. It lasts at least many lengths of its own

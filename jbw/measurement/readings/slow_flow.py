@@ -1,4 +1,4 @@
-r"""Powers of amplitude on which frequency and damping may depend, and the errors of their fits.
+r"""Powers of amplitude in frequency and damping, and the errors of fits with them.
 
 By first-order averaging (Krylov and Bogoliubov), one mode of amplitude a moves slowly as
 
@@ -20,18 +20,18 @@ from scipy.signal import fftconvolve
 from jbw.measurement.channels import Complexes, Reals
 
 # Smallest relative changes of the sum of squares and of steps. The second is for a mode with a
-# cause: the
-# likelihood of n values is then wrong by n / 10^4, against the limit of 25 for a named cause.
+# cause: the likelihood of n values is then wrong by n / 10^4; a cause is named at a ratio of 25.
 FULLY, NEAR_BEST = 1e-8, 1e-4
-SHIFT = 1e-7  # relative step of a cause's parameter for its slope
-# Ratio of the smallest amplitude to the largest, since an amplitude of zero has no logarithm.
+SHIFT = 1e-7  # relative step of a cause's parameter for a finite difference
+# smallest ratio of an amplitude to the largest, since an amplitude of zero has no logarithm
 LEAST_RATIO = 1e-9
-SMOOTHED = 12  # lines of a residual's spectrum that are averaged
-FEWEST_INDEPENDENT = 0.02  # smallest share of independent values of a residual, for any colour
+SMOOTHED = 12  # number of lines of a residual's spectrum that are averaged
+# smallest fraction of independent values of a residual, however coloured it is
+FEWEST_INDEPENDENT = 0.02
 
 
 class AmplitudeBasis(NamedTuple):
-    """A set of powers of the amplitude: how many, and whether the exponent is a parameter."""
+    """The powers of the amplitude in a fit: their number, and whether the exponent is fitted."""
 
     terms: int
     is_free: bool = False
@@ -74,7 +74,7 @@ class ModeFit(NamedTuple):
 
 
 def independent_share(residual: Complexes) -> float:
-    r"""Return the share of a coloured residual's values that count as independent ones.
+    r"""Return the fraction of a coloured residual's values that count as independent.
 
     $$\frac{(\sum_k S_k)^2}{n \sum_k S_k^2}$$ with its smoothed power spectrum S.
     """
@@ -88,7 +88,7 @@ def independent_share(residual: Complexes) -> float:
 
 
 def filtered_share(taps: Reals, step: int) -> float:
-    r"""Return the share of values of filtered white noise that count as independent.
+    r"""Return the fraction of values of filtered white noise that count as independent.
 
     $$\frac{r_0^2}{\sum_k r_k^2}, \qquad r_k = \sum_i h_i\,h_{i + k m}$$ for a filter h, one value
     per m samples, and k of both signs.

@@ -1,4 +1,4 @@
-r"""Statistical tests of frequency and damping: do records differ, does amplitude matter?
+r"""Statistical tests of frequency and damping: do records differ, and does amplitude matter?
 
 A frequency or damping ratio, in row j of record i at amplitude $a_{ij}$, is modelled as
 
@@ -23,25 +23,25 @@ from scipy.special import chdtrc, erfc, fdtrc
 from jbw.measurement.channels import Reals
 from jbw.measurement.resonances import AmplitudeCurve
 
-ROWS = 4  # number of values used per record, whose table is so smooth that more add nothing
+ROWS = 4  # number of values used per record; more would add nothing, because tables are smooth
 EXPONENTS = np.round(np.concatenate([np.arange(-1.2, 0.0, 0.1), np.arange(0.1, 4.01, 0.05)]), 3)
-INSIDE = 6.63  # limit on 2 ln of the likelihood for the 99 % interval of one parameter
-# Probabilities below which records or values are reported to differ.
+INSIDE = 6.63  # limit on 2 ln of the likelihood ratio for the 99 % interval of one parameter
+# p-values below which records differ, and values depend on amplitude
 RECORDS, AMPLITUDE = 1e-3, 1e-4
-# Relative standard deviations between records that are tried.
+# relative standard deviations between records that are tried
 SPREADS = np.geomspace(1e-7, 1.0, 141)
-# ratio of largest to smallest amplitude: a smaller one shows no effect of amplitude
+# smallest ratio of largest to smallest amplitude at which an effect of amplitude is tested
 LEAST_RANGE = 1.2
-# Smallest change that counts: of a frequency, relative and divided by zeta; of zeta, relative.
+# smallest reported changes: of a frequency, relative and divided by zeta; of zeta, relative
 LEAST = {"hz": 3e-3, "zeta": 5e-3}
-SURE = 3.5  # standard deviations by which a turning frequency falls and rises again
-CERTAIN = 2.576  # standard deviations of a 99 % interval
-EQUAL = 0.05  # shift of a power by averaging
-SPRING = 0.02  # ratio of a spring's largest change of damping to the relative change of frequency
-# Smallest ratio of damping change to relative fall of frequency for a joint that slips:
-# for sliders of an Iwan exponent chi, 4 (chi + 1) / (pi (chi + 3)), which is 0.1 at -0.8.
+SURE = 3.5  # number of standard deviations by which a turning frequency must fall and rise again
+CERTAIN = 2.576  # half width of a 99 % interval in standard deviations
+EQUAL = 0.05  # error of a power that averaging may cause
+SPRING = 0.02  # largest ratio of a spring's change of damping to its relative change of frequency
+# Smallest ratio of damping change to relative fall of frequency for a joint that slips: for sliders
+# with the Iwan exponent chi, 4 (chi + 1) / (pi (chi + 3)), which is 0.1 at -0.8.
 SLIPS = 0.1
-# Laws by the power of the amplitude in their frequency, their damping, or both.
+# laws by the power of the amplitude in their frequency, their damping, or both
 SPRINGS = {"cubic": 2.0, "quintic": 4.0}
 DAMPERS = {"quadratic_damping": 1.0, "cubic_damping": 2.0}
 HYSTERESIS = {"bouc_wen": 1.0}
@@ -66,7 +66,7 @@ class RecordTable(NamedTuple):
 
 
 def curve_of(tables: Sequence[RecordTable]) -> AmplitudeCurve:
-    """Return the frequency and damping values of all records as one curve against amplitude.
+    """Return frequency and damping of all records as one curve against amplitude.
 
     Its covariances include the variation between records.
     """
@@ -116,7 +116,7 @@ class AmplitudeTrend(NamedTuple):
 
 
 class _RowsOfRecords(NamedTuple):
-    """The rows of all records relative to a mean value: relative amplitude, value, covariance."""
+    """The values of all records relative to a mean: relative amplitude, value, covariance."""
 
     r: Reals
     value: Reals
@@ -162,7 +162,8 @@ def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
         return none
     b = found.values[1:]
     statistic = max(float(b @ np.linalg.pinv(inflated[1:, 1:], hermitian=True) @ b), 0.0)
-    # With one reading per record its variation is estimated; otherwise each record has own errors.
+    # With one value per record its variation is estimated; otherwise each record has its own
+    # errors.
     is_along = max(len(table.y) for table in tables) > 1
     chance = float(
         chdtrc(terms, statistic) if is_along else fdtrc(terms, degrees, statistic / terms)
@@ -202,7 +203,7 @@ def _rows(tables: Sequence[RecordTable], quantity: str, unit: float, top: float)
 def _estimated(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], tau: float
 ) -> _Estimate:
-    """Estimate by generalised least squares, for a standard deviation tau between records."""
+    """Estimate coefficients by generalised least squares, given the sd tau between records."""
     num = design.shape[1]
     normal, right, squares, log_det = np.zeros((num, num)), np.zeros(num), 0.0, 0.0
     designs = [
@@ -224,14 +225,15 @@ def _estimated(
 def _between_records(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"]
 ) -> tuple[float, float]:
-    """Return the standard deviation between records, and its probability by chance."""
+    """Return the standard deviation between records, and the p-value of such a variation."""
     if len(rows.blocks) < 2 or len(rows.value) - design.shape[1] < 1:
         return 0.0, 1.0
     nothing = _estimated(rows, design, 0.0).penalty
     penalties = [_estimated(rows, design, float(tau)).penalty for tau in SPREADS]
     at = int(np.argmin(penalties))
     gain = max(nothing - penalties[at], 0.0)
-    # The variance is at its bound: the statistic is half a chi-square of one degree of freedom.
+    # Without variation, the variance is at its bound, and the statistic is half a chi-square
+    # variable.
     chance = 0.5 * float(erfc(np.sqrt(gain / 2)))
     return (float(SPREADS[at]), chance) if gain > 0 else (0.0, 1.0)
 
@@ -265,7 +267,7 @@ def _turn(b: Reals, covariance: Reals, low: float) -> float | None:
 
 
 def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
-    """Return the smallest amplitude whose value clearly differs from that at the lowest one."""
+    """Return the smallest amplitude at which the value clearly differs from the first one."""
     powers = np.arange(1, len(b) + 1)
     for r in np.geomspace(low, 1.0, 60)[1:]:
         step = r**powers - low**powers
@@ -317,7 +319,7 @@ def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
 def _with_power(
     laws: Mapping[str, float], interval: tuple[float, float, float] | None
 ) -> tuple[str, ...]:
-    """Return the laws whose power of amplitude lies in an interval; none without an interval."""
+    """Return the laws whose power of the amplitude is in an interval; none without an interval."""
     if interval is None:
         return ()
     low, high = interval[1] - EQUAL, interval[2] + EQUAL

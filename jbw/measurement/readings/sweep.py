@@ -1,4 +1,4 @@
-r"""A mode passed by a sweep, as a time-varying linear filter of the drive.
+r"""A mode passed by a sweep, modelled as a linear filter of the drive that varies with time.
 
 In the frame of the drive's phase $\phi(t)$ the mode's complex amplitude follows
 
@@ -32,14 +32,18 @@ from jbw.measurement.readings.slow_flow import (
     slopes_of_cause,
 )  # fmt: skip
 
-LAW_ERROR = 3e-3  # relative error of the model of a sound joint, from averaging and from the basis
-SOLVE: Any = vars(lapack)["ztbtrs"]  # solves a triangular band; SciPy's stubs do not list it
-DRIVEN = 0.2  # share of the drive's largest amplitude below which nothing is driven
-# A further term of a basis is kept if it reduces the sum of squares to this share or less.
+# relative error of the model for a sound joint, from averaging and from truncated powers
+LAW_ERROR = 3e-3
+# This function solves a triangular band; SciPy's stubs do not list it.
+SOLVE: Any = vars(lapack)["ztbtrs"]
+DRIVEN = 0.2  # Below this fraction of its largest amplitude, the drive excites nothing.
+# A further power of the amplitude is kept if it reduces the sum of squares to at most this
+# fraction.
 WORTH_A_TERM = 0.9
-CLEAR = 30.0  # noise amplitudes: the filter follows the measured amplitude above, the model's below
+# Above this multiple of the noise the filter uses the measured amplitude, below it the model's.
+CLEAR = 30.0
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of modes outside the band
-# Limits of the ratio of motion to response / frequency^order while the mode rings freely.
+# limits of the ratio of motion to response / frequency^order while the mode rings freely
 MODES_OWN = (0.5, 2.0)
 
 Columns = Complex[np.ndarray, "value column"]
@@ -61,7 +65,7 @@ class SweepCause(NamedTuple):
 
 @dataclass(frozen=True)
 class SweepSignal:
-    """Drive and response of a sweep, filtered, thinned and rotated by the drive's phase.
+    """Drive and response of a sweep, filtered, thinned, and rotated by the drive's phase.
 
     Attributes:
         raw: Samples of the response.
@@ -111,15 +115,15 @@ class SweepSignal:
 
     @property
     def mean_period_s(self) -> float:
-        """The period of the drive in the middle of the sweep [s]."""
+        """The period of the drive at the middle of the sweep [s]."""
         return float(2 * np.pi / np.median(self.rate))
 
     def filtered_step(self, at_s: float) -> Reals:
-        """Return a unit step at a given time [s], as passed by the filter."""
+        """Return a unit step at a given time [s] after the filter."""
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
     def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
-        """Return the signal with a different amplitude of motion, on which the filter depends."""
+        """Return the sweep with other amplitudes of the motion, on which the mode depends."""
         return replace(self, amplitude=amplitude)
 
 
@@ -146,7 +150,7 @@ def sweep_signal(
     """
     low, high = band_hz
     centre, half_width = 0.5 * (low + high), 0.5 * (high - low)
-    edge = 0.5 * min(half_width, low)  # flat up to the edges of the band
+    edge = 0.5 * min(half_width, low)  # The filter is flat up to the edges of the band.
     num_taps = min(whole_down(7.3 * fs / edge) | 1, (len(u) // 8) | 1)
     cutoff = min(half_width + 0.2 * edge, 0.999 * fs / 2)
     window: Any = ("kaiser", 6.5)
@@ -178,13 +182,13 @@ def sweep_signal(
 
 
 class SweepColumns(NamedTuple):
-    """The response of a mode under the drive of a sweep, as columns with unknown gains.
+    """The response of a mode to the drive of a sweep, as columns with unknown gains.
 
     Attributes:
         columns: Response of the mode to the drive, of modes outside the band (two columns), and
             to an initial state.
         slopes: Derivatives of the first and last column, in pairs for each parameter.
-        motion: Amplitude of the motion over that of the response, from the model.
+        motion: Amplitude of the motion, divided by that of the response, from the model.
     """
 
     columns: Columns
@@ -250,12 +254,11 @@ def mirror_of(signal: SweepSignal, pole: Complexes) -> Complexes:
 
 
 def _middle(values: Any) -> Any:
-    """Return the mean of the values at both ends of every step."""
     return 0.5 * (values[1:] + values[:-1])
 
 
 def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
-    """Return response columns delayed by a lag [s], which is constant or given at every time."""
+    """Return response columns delayed by a lag [s], which is constant or given for every time."""
     return columns * np.exp(-1j * rate * lag_s)[:, None]
 
 
@@ -276,7 +279,7 @@ def _moments(signal: SweepSignal, pole: Complexes) -> tuple[Complexes, ...]:
 
 
 def _forced(signal: SweepSignal, first: Complexes, second: Complexes) -> Complexes:
-    """Return the drive's contribution per step, for a drive linear in each step, by two moments."""
+    """Return the drive's contribution to each time step, in which it is linear."""
     u = signal.u
     return signal.step_s * (u[:-1] * (first - second) + u[1:] * second)
 
@@ -350,7 +353,7 @@ def fit_sweep(
 
 
 class _Projected(NamedTuple):
-    """A model with its gains projected out: residual, gains, and derivatives of the residual."""
+    """A model whose gains are eliminated: residual, gains, and derivatives of the residual."""
 
     left: Complexes
     gains: Complexes
@@ -365,7 +368,7 @@ def _project(
     weight: Reals,
     cause: SweepCause | None,
 ) -> _Projected:
-    r"""Project out the gains c of the columns, some of which are real.
+    r"""Solve for the gains c of the columns, some of which are real; return the residual.
 
     $$r = y - \Phi c, \quad \Phi^T r = 0, \qquad
       r' = -\Phi' c - \Phi G^{-1} (\Phi'^T r - \Phi^T \Phi' c), \quad G = \Phi^T \Phi$$
@@ -391,7 +394,8 @@ def _project(
     if signal.is_force:
         at, turn = np.delete(at, IN_PHASE), np.delete(turn, IN_PHASE)
     inner = np.real(np.outer(turn.conj(), turn) * (columns.conj().T @ columns)[np.ix_(at, at)])
-    inner[np.diag_indices_from(inner)] += 1e-12  # a tiny ridge, in case columns coincide
+    # This prevents a singular matrix if columns coincide.
+    inner[np.diag_indices_from(inner)] += 1e-12
 
     def along(columns: Columns, values: Complexes) -> Reals:
         """Return the real inner products of columns and values, one per real or imaginary gain."""
@@ -406,7 +410,7 @@ def _project(
     left = target - columns @ gains
 
     def moved(by: Columns) -> Complexes:
-        """Return the derivative of the residual when the columns change."""
+        """Return the derivative of the residual with respect to a change of the columns."""
         change = by @ gains
         return -change - columns @ gains_of(along(by, left) - along(columns, change))
 
@@ -445,7 +449,7 @@ def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple
 
 
 class SweepFits(NamedTuple):
-    """A sweep with the amplitude on which its filter depends, and its fits.
+    """A sweep with the amplitudes on which its mode depends, and its fits.
 
     Attributes:
         signal: Sweep with the amplitude on which the filter depends.
@@ -469,12 +473,12 @@ class SweepFits(NamedTuple):
 
     KIND = "sweep"
     FIRST = 0
-    SECOND_ORDER = 0.05  # amplitudes of a sweep grow faster
+    SECOND_ORDER = 0.05  # The amplitude grows faster in a sweep.
     FLOOR = 0.01
 
 
 def fit_bases(signal: SweepSignal) -> SweepFits:
-    """Fit a mode to a sweep with each set of powers of amplitude; update the filter's amplitude."""
+    """Fit a mode to a sweep with each set of powers of amplitude; update the motion's amplitude."""
     top, order = signal.top, signal.order
     motion = (signal.rate[top] / signal.rate) ** order
     size = np.abs(signal.z)
@@ -491,7 +495,7 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
         noise = max(noise, 1e-9 * signal.a0)
         amplitude = size * motion
         weight = 1 / np.sqrt(noise**2 + (LAW_ERROR * amplitude) ** 2)
-        # A ringing response is not a motion at the drive's frequency.
+        # A ringing response has another frequency than the drive.
         if best is not None and order:
             pole, _ = pole_of(signal, fits[best].theta, best, scale)
             own = sweep_columns(signal, pole, mirror_of(signal, pole)).motion
@@ -508,7 +512,7 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
 
 
 def _linear_start(signal: SweepSignal, top: int) -> tuple[ModeFit, float]:
-    """Fit a linear mode near the largest motion from several starts; return it and a rate [1/s]."""
+    """Fit a linear mode near the largest motion from many starts; return it and its rate [1/s]."""
     above = signal.amplitude > signal.amplitude[top] / np.sqrt(2)
     width = max(abs(float(np.ptp(signal.rate[above]))), 1e-6 * float(signal.rate[top]))
     at_top = signal.rate[top] - 2 * np.pi * signal.centre_hz
@@ -531,7 +535,7 @@ def _bases(
     scale: float,
     weight: Reals,
 ) -> dict[str, ModeFit]:
-    """Fit a mode with more and more powers of amplitude, starting from the previous round.
+    """Fit more and more powers of the amplitude, each starting from the previous round.
 
     Each next basis is tried only while the residual decreases.
     """

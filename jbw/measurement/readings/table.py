@@ -39,15 +39,16 @@ from jbw.measurement.readings.statement import RecordTable
 from jbw.measurement.readings.sweep import SweepFits
 
 POINTS = 12  # number of amplitudes in a table
-ABOVE_NOISE = 3.0  # noise amplitudes: smaller amplitudes are not read
-DEEPEST = 0.02  # share of the largest amplitude below which no amplitude is read
+ABOVE_NOISE = 3.0  # Amplitudes below this multiple of the noise are not used.
+DEEPEST = 0.02  # Amplitudes below this fraction of the largest are not used.
 FLOOR_OF_DAMPING = 0.003  # smallest error of zeta, divided by zeta
-BEYOND = 0.3  # error of zeta, divided by zeta and by the relative misfit beyond the noise
-# Probability of a change with amplitude in a linear mode, below which the mode is nonlinear.
+BEYOND = 0.3  # error of zeta, divided by zeta and by the relative residual in excess of noise
+# p-value of a change with amplitude below which a mode is nonlinear
 ODDS = 1e-4
 # smallest change that counts: of zeta or of the relative frequency, divided by zeta
 LEAST_CHANGE = 5e-3
-SURE = 3.0  # standard deviations of a change
+SURE = 3.0  # number of standard deviations by which a change must differ from zero
+MOST_TURNED = 0.6  # tangent of 31 degrees: phase of a gain, above which its sign is not known
 
 Square = Float[np.ndarray, "row row"]
 
@@ -78,7 +79,7 @@ class ModeReading:
         hz_change: Relative change of the frequency.
         zeta_change: Change of the damping ratio.
         exponent: Power of the amplitude, with standard deviation; NaN for a linear record.
-        residual: Root mean square of the residual, over that of the response.
+        residual: Root mean square of the residual, divided by that of the response.
         linear_residual: The same ratio for a linear mode.
         noise: Amplitude of the noise in the band, in the unit of the response.
         gain: Gain of the mode per unit of the drive, real for a force; NaN for a decay.
@@ -167,11 +168,11 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
         exponent = MeasuredChange(float(power.theta[-1]), sd)
     amplitude, gain = grid, np.nan
     if isinstance(fits, SweepFits):
-        # Convert from the motion at resonance to the response at its own frequency.
+        # The amplitude of the motion at resonance is converted to that of the measured response.
         top = fits.signal.rate[fits.signal.top]
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
         if fits.signal.is_force:
-            gain = float(np.real(fits.fits[chosen].gains[0]))
+            gain = _real_gain(complex(fits.fits[chosen].gains[0]))
             gain *= fits.signal.unit / fits.signal.drive_unit
     size = float(np.linalg.norm(fits.signal.z))
     residual, linear_residual = (
@@ -189,8 +190,16 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
     )  # fmt: skip
 
 
+def _real_gain(gain: complex) -> float:
+    """Return the real part of a gain; NaN if its phase is neither that of a force nor reversed.
+
+    A lag or an error of a clock turns the phase, so that the gain has no sign.
+    """
+    return gain.real if abs(gain.imag) < MOST_TURNED * abs(gain.real) else np.nan
+
+
 def _evidence(fits: dict[str, ModeFit], count: float) -> dict[str, float]:
-    """Return the weight of each basis: its concentrated likelihood, penalised per parameter (BIC).
+    """Return the weight of each fit by its evidence (BIC), which penalises each parameter.
 
     `count` is the number of independent values.
     """
@@ -203,7 +212,7 @@ def _evidence(fits: dict[str, ModeFit], count: float) -> dict[str, float]:
 
 
 def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
-    """Return the amplitudes of the table, from the largest down to where the noise begins."""
+    """Return the table's amplitudes, from the largest down to where the noise begins."""
     if isinstance(fits, DecayFits):
         size = np.abs(decay_model(fits.signal, fits.fits[name].theta, BASES[name], fits.scale))
     else:
@@ -268,7 +277,7 @@ def _mean(rows: list[_Rows], weights: list[float]) -> _Rows:
 
 
 def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Reals, Reals]:
-    """Return the errors due to a residual beyond noise at high amplitude, with a lower limit."""
+    """Return errors caused by a residual in excess of noise, with a lower limit."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
     excess = float(np.mean(np.abs(best.residual[loud]) ** 2)) - 1.5 * fits.noise**2
@@ -281,7 +290,7 @@ def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Re
 
 
 def _second_order(fits: DecayFits | SweepFits, rows: _Rows) -> tuple[Reals, Reals]:
-    """Return the error of first-order averaging where frequency or damping change."""
+    """Return the error of first-order averaging that changes of frequency or damping cause."""
     hz, zeta = rows.hz, np.abs(rows.zeta)
     share = fits.SECOND_ORDER + float(zeta.max())
     change, growth = np.ptp(hz), np.ptp(rows.zeta)
@@ -290,7 +299,7 @@ def _second_order(fits: DecayFits | SweepFits, rows: _Rows) -> tuple[Reals, Real
 
 
 def _change(values: Reals, spread: Square, floor: float, factor: float = 1.0) -> MeasuredChange:
-    """Return the difference between a table's last and first value, with its error."""
+    """Return the difference between a table's first and last value, with its error."""
     variance = spread[0, 0] + spread[-1, -1] - 2 * spread[0, -1]
     sd = np.hypot(np.sqrt(max(float(variance), 0.0)), floor)
     return MeasuredChange(float((values[0] - values[-1]) * factor), float(sd * factor))
@@ -303,7 +312,7 @@ def _matters(hz: MeasuredChange, zeta: MeasuredChange, damping: float) -> bool:
 
 
 def _chance_of_linear(fits: DecayFits | SweepFits, count: float) -> float:
-    """Return the probability that a linear mode shows such an effect of amplitude (Wald's test)."""
+    """Return the probability of the measured effect of amplitude in a linear mode (Wald's test)."""
     if "quadratic" not in fits.fits:
         return 1.0
     fit, first = fits.fits["quadratic"], fits.FIRST

@@ -16,12 +16,12 @@ from jbw.measurement.files.tree import Contents, Leaf, Node
 from jbw.measurement.recorders.recorder import Recorder
 from jbw.units import titled
 
-LOOKED_AT = 80  # lines of a text from which its recorder is recognised
+LOOKED_AT = 80  # number of lines of a text from which its recorder is recognised
 
 
 @cache
 def modules() -> tuple[str, ...]:
-    """Return the dotted names of the modules in the table."""
+    """Return the dotted names of the recorder modules."""
     return tuple(
         f"{__name__}.{module.name}"
         for module in sorted(pkgutil.iter_modules(__path__), key=lambda module: module.name)
@@ -31,7 +31,7 @@ def modules() -> tuple[str, ...]:
 
 @cache
 def recorders() -> tuple[Recorder, ...]:
-    """Return all recorders in the order of their files, those that accept a whole format last."""
+    """Return all recorders in the order of their files; those for a whole format come last."""
     collected: list[Recorder] = []
     for name in modules():
         module = import_module(name)
@@ -49,7 +49,7 @@ def of_lines(lines: Sequence[str], path: Path) -> Contents | None:
 
 
 def annotated(contents: Contents) -> Contents:
-    """Return an open file's contents with its recorder's facts on the channels, if recognised."""
+    """Return an open file's contents with its recorder's facts about channels, if recognised."""
     for recorder in recorders() if not contents.recorder else ():
         if recorder.of and recorder.read and recorder.of(contents):
             contents = replace(recorder.read(contents), recorder=recorder.name)
@@ -61,7 +61,7 @@ def annotated(contents: Contents) -> Contents:
 
 
 def _with_units(node: Node, name: str = "") -> Node:
-    """Return a tree whose arrays take the unit at the end of their name if they state none."""
+    """Return a tree in which arrays without a unit take the unit at the end of their name."""
     if isinstance(node, Mapping):
         return {key: _with_units(child, str(key)) for key, child in node.items()}
     return _with_unit(node, name) if isinstance(node, Leaf) else node

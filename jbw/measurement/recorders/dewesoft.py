@@ -1,11 +1,12 @@
 """DEWESoft X: MATLAB files and text.
 
 Files: .mat, .csv, .txt
-Recognised by: arrays `Data1_NAME` beside `Data1_time_NAME`; in text a preamble with `Sample rate`
-and `Data info`
-Names: behind `Data1_`; in text the columns
-Units: none in MATLAB files; in text in parentheses behind the names
-Rate: the times of each channel; in text its times, with which `Sample rate` must agree
+Recognised by: arrays `Data1_NAME`, each with an array `Data1_time_NAME`; in text files a preamble
+with `Sample rate` and `Data info`
+Names: the text after `Data1_`; in text files the titles of the columns
+Units: none in MATLAB files; in text files in parentheses after the names
+Rate: the times of each channel; in text files the column of times, with which `Sample rate` must
+agree
 Start: the first time of each channel
 Based on: public scripts that load such exports
 Untested: files of asynchronous channels
@@ -33,7 +34,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the contents with rate and start of every channel from its own times."""
+    """Return the contents with each channel's rate and start, from the channel's own times."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     for name, item in top(contents).items():

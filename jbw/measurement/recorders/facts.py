@@ -1,4 +1,4 @@
-"""Extraction of facts from file trees and preambles: texts, numbers, rates, titles."""
+"""Extraction of facts from file trees and from lines above a table: texts, numbers, titles."""
 
 import math
 import re
@@ -21,7 +21,7 @@ def top(contents: Contents) -> dict[str, Any]:
 
 
 def node_at(node: Any, *names: str) -> Any:
-    """Return the node at a path of names within structs, or None."""
+    """Return the item at a path of names within structs, or None."""
     for name in names:
         if not isinstance(node, Mapping) or name not in node:
             return None
@@ -30,13 +30,13 @@ def node_at(node: Any, *names: str) -> Any:
 
 
 def text_at(node: Any, *names: str) -> str:
-    """Return the text at a path of names within structs; empty if there is none."""
+    """Return the text at a path of names within structs; an empty text if there is none."""
     child = node_at(node, *names)
     return child.text.strip() if isinstance(child, Opaque) else ""
 
 
 def number_at(node: Any, *names: str) -> float:
-    """Return the number, perhaps written as text, at a path of names in structs; NaN if none."""
+    """Return the number at a path of names within structs, perhaps stored as text; NaN if none."""
     child = node_at(node, *names)
     if isinstance(child, Leaf) and 0 < math.prod(child.shape) <= MOST_VALUES:
         values = np.ravel(load(child))
@@ -64,7 +64,7 @@ def positive(value: float) -> float | None:
 
 
 def stated(text: str, pattern: str) -> str:
-    """Return the text after a key in a line, as in `Sample rate: 1000 Hz` or `Key;value`; or ''."""
+    """Return the text after a key in a line such as `Sample rate: 1000 Hz` or `Key;value`."""
     match = re.match(rf"[\"#%;\s]*(?:{pattern})[\"\s]*(?:[:=;,\t]|\s{{2,}})[\"\s]*(.*)", text,
                      re.IGNORECASE)  # fmt: skip
     return match[1].strip(' "\t;,') if match else ""
@@ -84,7 +84,7 @@ INTERVAL = re.compile(
     r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ]*)",
     re.IGNORECASE,
 )
-# A rate within a sentence, which must state its unit: `sampled at 2 kHz`, `1000 Hz sampling rate`.
+# a rate within a sentence, which must state its unit: `sampled at 2 kHz`, `1000 Hz sampling rate`
 SPOKEN = re.compile(
     r"(?:(?<!re)(?<!down)sampl|abtast|acquisition\s+rate|scan\s+rate|\bfs\b)[^\d\n]{0,40}?(\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
     r"\s*([kM]?(?:Hz|S/s|Sa/s))\b"
@@ -98,15 +98,15 @@ SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "sec": 1.0
 
 
 class Axis(NamedTuple):
-    """The first axis of a table, as described by lines above the table."""
+    """The first axis of a table, as lines above the table describe it."""
 
     name: str  # time or frequency
     unit: str
-    fs: float | None  # sampling frequency of an axis of times [Hz]
+    fs: float | None  # sampling frequency if the axis is one of times [Hz]
 
 
 def axis_in(lines: Sequence[str]) -> Axis | None:
-    """Return the axis that keys such as `Delta` and `AxisUnit` describe; None without such keys."""
+    """Return the axis described by keys such as `Delta` and `AxisUnit`; None without such keys."""
     unit, step = (
         next(filter(None, (stated(line, pattern) for line in lines)), "")
         for pattern in (r"(?:x[\s_]*)?axis[\s_]*unit|x[\s_]*units?", "delta")
@@ -119,7 +119,7 @@ def axis_in(lines: Sequence[str]) -> Axis | None:
 
 
 def rate_in(lines: Sequence[str], *, with_sentences: bool = False) -> float | None:
-    """Return the sampling frequency [Hz] stated in the lines above a table; None if absent.
+    """Return the sampling frequency [Hz] that lines above a table state; None if they state none.
 
     With `with_sentences`, sentences in comments are searched as well.
     """
@@ -144,14 +144,14 @@ def rate_in(lines: Sequence[str], *, with_sentences: bool = False) -> float | No
 
 
 def named(leaf: Leaf, title: str, unit: str = "") -> Leaf:
-    """Return a leaf with a title; its unit comes from the end of the title if not given."""
+    """Return an array with a title; a unit that is not given is taken from the title's end."""
     name, behind = titled(title)
     unit = unit or behind
     return replace(leaf, label=name, unit=plain(unit) if is_unit(unit) else unit)
 
 
 def titled_leaf(leaf: Leaf, title: str) -> Leaf:
-    """Return a leaf with the title restored from a name with underscores."""
+    """Return an array whose title is restored from a name with underscores."""
     return replace(leaf, label=title.replace("_", " ").strip())
 
 

@@ -30,7 +30,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the contents with the rate, and name and unit of each channel, from the headers."""
+    """Return the contents with the rate and each channel's name and unit, from the headers."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     fs = positive(number_at(root, "File_Header", "SampleFrequency"))

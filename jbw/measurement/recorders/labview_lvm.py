@@ -2,17 +2,18 @@
 
 Files: .lvm, .txt
 Recognised by: the first line `LabVIEW Measurement`
-Names: the line that begins with `X_Value`
+Names: the titles in the line that begins with `X_Value`
 Units: `Y_Unit_Label`
-Rate: `Delta_X`, or the columns of times where `X_Columns` is `One` or `Multi`; where its digits
-    leave the rate uncertain by more than 1e-4, as 0.000977 for 1024 Hz, the provenance says so
+Rate: `Delta_X`, or the columns of times if `X_Columns` is `One` or `Multi`; if the digits of
+`Delta_X` leave the rate uncertain by more than 1e-4, as 0.000977 does for 1024 Hz, the provenance
+says so
 Start: `X0`
 Based on: the first sections of NI's page "Specification for the LabVIEW Measurement File (.lvm)";
-    lvm_read.py and the files short, with_comments, with_empty_fields, uneven_comments,
-    no_decimal_separator and long_single_header_multi_ch of ladisk/lvm_read, whose layout the reader
-    takes
-Untested: special blocks within the data, of which the page's section was not opened; commas as
-    separators
+lvm_read.py and the files short, with_comments, with_empty_fields, uneven_comments,
+no_decimal_separator and long_single_header_multi_ch of ladisk/lvm_read, which all have the layout
+that the reader expects
+Untested: special blocks within the data, whose section of that page was not read; commas as
+separators
 """
 
 from collections.abc import Sequence
@@ -30,7 +31,8 @@ from jbw.report.messages import reading as messages
 
 END = "***End_of_Header***"
 SEPARATORS = {"tab": "\t", "comma": ","}
-LARGEST_ROUNDING = 1e-4  # relative rounding of an interval above which the provenance mentions it
+# An interval's relative rounding is mentioned in the provenance if it exceeds this.
+LARGEST_ROUNDING = 1e-4
 
 
 def is_text(lines: Sequence[str]) -> bool:
@@ -39,7 +41,7 @@ def is_text(lines: Sequence[str]) -> bool:
 
 
 def read_text(lines: Sequence[str], path: Path) -> Contents:
-    """Return the single segment of an LVM file: channels with their own rate, start and unit."""
+    """Return the only segment of an LVM file: channels with their own rate, start and unit."""
     ends = [i for i, line in enumerate(lines) if line.startswith(END)]
     if len(ends) < 2:
         raise ValueError(f"a LabVIEW measurement has two headers, but this has {len(ends)}")
@@ -93,7 +95,7 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
 def _with_times_of_each(
     lines: Sequence[str], path: Path, segment_facts: dict[str, list[str]], marks: tuple[str, str]
 ) -> Contents:
-    """Return the channels of an LVM segment in which each has a column of times before it."""
+    """Return the channels of an LVM segment in which each channel has its own column of times."""
     mark, decimal = marks
     number = int(number_in(segment_facts.get("channels", ["0"])[0]))
     names = [text.strip() for text in lines[0].split(mark)]
@@ -107,7 +109,7 @@ def _with_times_of_each(
 
 
 def _without_empty(columns: Contents, counts: Sequence[str]) -> Contents:
-    """Return the times and channels, except channels that declare no sample."""
+    """Return the times and channels without channels that declare no samples."""
     series = columns.series or {}
     if len(series) != 1 + len(counts):
         return columns
@@ -119,7 +121,7 @@ def _without_empty(columns: Contents, counts: Sequence[str]) -> Contents:
 
 
 def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
-    """Return the number of packets of declared length; more than one if one header covers all."""
+    """Return the number of blocks of declared length that follow one header."""
     if np.isnan(declared) or declared == size:
         return 1
     if is_one_header and declared > 0 and size % declared == 0:
@@ -128,7 +130,7 @@ def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
 
 
 def _rounding(text: str) -> float:
-    """Return half a unit of a number's last digit, divided by that number; 0 if there is no number.
+    """Return half a unit of a number's last digit, relative to the number; 0 for other text.
 
     LabVIEW writes six decimals, of which zeros at the end may be missing.
     """

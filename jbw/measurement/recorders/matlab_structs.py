@@ -1,15 +1,15 @@
-"""MATLAB: tables and timetables as structs, and structs with units and a rate beside the arrays.
+"""MATLAB: tables and timetables as structs, and structs of arrays with their units and a rate.
 
 Files: .mat
-Recognised by: `Properties.VariableNames` and `Properties.VariableUnits`; or `units` beside arrays,
-a struct of texts by their names, or as many texts as there are arrays
-Names: the fields
+Recognised by: `Properties.VariableNames` and `Properties.VariableUnits`; or arrays with a field
+`units`, which is a struct with one text per array name, or a list with one text per array
+Names: the names of the fields
 Units: `VariableUnits`, or `units`
-Rate: a field `Time`; or a text or number called `fs`, `sample_rate`, and the
-    like; or a number `dt`, in seconds
+Rate: a field `Time`; or a text or number called `fs`, `sample_rate`, and the like; or a number
+`dt`, in seconds
 Start: the first time
 Based on: MathWorks' documentation of tables and timetables, and of MAT-files
-Untested: tables as MATLAB's own objects, which are refused with what to export
+Untested: tables stored as MATLAB's own objects; jbw refuses these and says what to export
 """
 
 from collections.abc import Mapping
@@ -55,7 +55,7 @@ def _units_of(node: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _rate_of(node: Mapping[str, Any]) -> float | None:
-    """Return the rate of a struct, stated as text or as an interval [s]; None if not stated."""
+    """Return a struct's rate, stated as text or as an interval [s]; None if it is not stated."""
     for name, item in node.items():
         if isinstance(item, Opaque) and item.text and RATE.search(str(name)):
             return positive(number_in(item.text))
@@ -69,7 +69,7 @@ def _states_units(node: Any) -> bool:
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether a file or a struct at its top level states units or a rate for its arrays."""
+    """Return whether a file, or a struct in it, states units or a rate for its arrays."""
     root = top(contents)
     if not contents.reader.startswith(("MATLAB", "npz")):
         return False

@@ -1,10 +1,10 @@
-"""NI TDMS, of LabVIEW, FlexLogger, DIAdem, and others that write it.
+"""NI TDMS, as LabVIEW, FlexLogger, DIAdem and other programs write it.
 
 Files: .tdms
 Recognised by: the format itself
-Names: the channels' own, or `NI_ChannelName`
+Names: the names of the channels, or `NI_ChannelName`
 Units: `unit_string`, `NI_UnitDescription`, or `unit`
-Rate: `wf_increment`, or a channel of times beside the others
+Rate: `wf_increment`, or a channel that contains the times
 Start: `wf_start_time` and `wf_start_offset`
 Based on: NI's description of the TDMS internal format, read by npTDMS
 Untested: files of DAQmx raw data with scales other than linear
@@ -27,7 +27,7 @@ def _channels(root: Any) -> Iterator[tuple[str, Leaf]]:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the channels of a TDMS file, without times if channels state their own rate."""
+    """Return the channels of a TDMS file, without times if the channels state their own rate."""
     series = dict(_channels(top(contents)))
     timed = [name for name, item in series.items() if item.fs]
     channels = {n: x for n, x in series.items() if not (timed and is_time(n.rpartition(".")[2]))}

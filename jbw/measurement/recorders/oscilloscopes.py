@@ -1,17 +1,18 @@
-"""Oscilloscopes of Tektronix and Rigol: text with facts beside the samples.
+"""Oscilloscopes of Tektronix and Rigol: text with settings and samples in the same lines.
 
 Files: .csv, .txt
-Recognised by: Tektronix: `Record Length` first, facts in the first columns and samples in the last
-two; Rigol: a first line of channels, `Start` and `Increment`, perhaps with `X` before them
+Recognised by: Tektronix: `Record Length` in the first line, settings in the first columns and
+samples in the last two; Rigol: a first line with the channels, `Start` and `Increment`, perhaps
+with `X` before them
 Names: Tektronix `Source`; Rigol the channels of the first line
 Units: Tektronix `Vertical Units`; Rigol the second line
 Rate: Tektronix `Sample Interval`, which must agree with the times; Rigol `Increment`
 Start: Tektronix the first time; Rigol `Start`
 Based on: Tektronix F0000CH1.CSV of chemdrv/python-for-pchem (TDS2001C) and of
-    MeesJanmaat/NSP2_Experiment (its last part), and "Reading oscilloscope data" of kevinpt/ripyl;
-    Rigol NewFile1.csv of Cbabe/Power_Electronics
+MeesJanmaat/NSP2_Experiment (its last part), and "Reading oscilloscope data" of kevinpt/ripyl; Rigol
+NewFile1.csv of Cbabe/Power_Electronics
 Untested: several Tektronix channels in one file; Rigol's older files, which begin with
-    `Time,X(CH1)`
+`Time,X(CH1)`
 """
 
 import math
@@ -27,12 +28,12 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def is_tektronix(lines: Sequence[str]) -> bool:
-    """Return whether a text has Tektronix facts next to the samples."""
+    """Return whether a text has Tektronix settings next to the samples."""
     return bool(lines) and re.match(r"\"?Record Length\"?,[^,]*,[^,]*,[^,]*,", lines[0]) is not None
 
 
 def read_tektronix(lines: Sequence[str], path: Path) -> Contents:
-    """Return the last two columns of a Tektronix text, times and samples."""
+    """Return the last two columns of a Tektronix text, which are times and samples."""
     rows = [line.rstrip().rstrip(",").split(",") for line in lines if line.strip()]
     facts = {row[0].strip('" '): row[1].strip('" ') for row in rows if len(row) > 1 and row[0]}
     texts = [",".join(cell.strip() for cell in row[3:5]) for row in rows]
@@ -51,9 +52,9 @@ def is_rigol(lines: Sequence[str]) -> bool:
 
 
 def read_rigol(lines: Sequence[str], path: Path) -> Contents:
-    """Return the channels of a Rigol text, at the rate in its second line."""
+    """Return the channels of a Rigol text at the rate stated in its second line."""
     first = [text.strip() for text in lines[0].split(",") if text.strip()][:-2]
-    counted = first[0].upper() == "X"  # a column that numbers the samples
+    counted = first[0].upper() == "X"  # This column numbers the samples.
     second = [text.strip() for text in lines[1].split(",")]
     units, numbers = second[: len(first)], second[len(first) :]
     rows = [",".join(line.split(",")[: len(first)]) for line in lines[2:]]

@@ -1,15 +1,15 @@
-"""Telephones: phyphox and others that write tables of a sensor.
+"""Telephones: phyphox and other apps that write a table for each sensor.
 
 Files: .csv, .txt, .tsv
 Recognised by: a first column `Time (s)` and columns such as `Acceleration x (m/s^2)`
 Names: the columns
-Units: in parentheses behind the names
-Rate: the times, which jitter: `jbw init` proposes `resample`
+Units: in parentheses after the names
+Rate: the times, which are not evenly spaced: `jbw init` proposes `resample`
 Start: the first time
 Based on: DataExport.java of phyphox/phyphox-android: quoted names, comma, semicolon or tab, decimal
-    comma or point, ten digits, NaN where a column is shorter; and `Raw Data.csv` of
-    PHIRElab/ExampleAccML
-Untested: tables of sensors that are sampled apart; exports of other apps
+comma or point, ten digits, NaN at the end of shorter columns; and `Raw Data.csv` of
+PHIRElab/ExampleAccML
+Untested: tables with sensors that are sampled at different times; exports of other apps
 """
 
 import re

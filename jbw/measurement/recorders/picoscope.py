@@ -1,17 +1,17 @@
 """PicoScope: MATLAB files and text.
 
 Files: .mat, .csv, .txt
-Recognised by: a number `Tinterval` beside arrays `A`, `B`, ...; in text columns `Time`, `Channel
+Recognised by: a number `Tinterval` and arrays `A`, `B`, ...; in text files columns `Time`, `Channel
 A`, ...
 Names: the letters of the channels
-Units: none in MATLAB files; in text a row of its own in parentheses, such as `(ms),(V),(mV)`
-Rate: `Tinterval`; in text its times
+Units: none in MATLAB files; in text files a separate row in parentheses, such as `(ms),(V),(mV)`
+Rate: `Tinterval`; in text files the column of times
 Start: `Tstart`
 Based on: PicoScope 6 User's Guide (psw.en r32), section 6.1.1.1 "File formats for exported data":
-    CSV, text with tabs, and MAT-files of version 4; CSV files as public scripts quote them, with a
-    blank line below the units and no blanks behind the commas
-Untested: a MAT-file of PicoScope itself; the array of times `T` in the place of `Tinterval`;
-    files of several captured waveforms
+CSV, text with tabs, and MAT-files of version 4; CSV files as public scripts show them, with a blank
+line below the units and no blanks after the commas
+Untested: a MAT-file that PicoScope wrote; an array of times `T` instead of `Tinterval`; files of
+several captured waveforms
 """
 
 import math
@@ -26,7 +26,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether a file has PicoScope's interval and channels named by one letter."""
+    """Return whether a file has PicoScope's interval, and channels named by one letter."""
     root = top(contents)
     return "Tinterval" in root and any(
         re.fullmatch("[A-H]", str(name)) for name in root

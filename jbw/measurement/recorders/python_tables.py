@@ -1,18 +1,17 @@
-"""Python: NumPy, h5py with attributes, pandas, xarray, and SEP-005 kept in these.
+"""Python: NumPy, h5py with attributes, pandas, xarray, and SEP-005 data stored in these formats.
 
 Files: .npz, .h5, .hdf5, .nc
-Recognised by: a two-dimensional array `data` (or any of HDF5) with the names of its channels in an
-    attribute or array `channel_names`, `channels`, `names` or `columns`; a data frame of pandas by
-    `block0_values`; a coordinate `time` of xarray
-Names: the named list; `block0_items` of pandas; the variables of xarray
-Units: `units`, `unit` or `unit_str`, a list by channel or one of all
+Recognised by: a two-dimensional array `data` (in HDF5 any array) with the names of its channels in
+an attribute or array `channel_names`, `channels`, `names` or `columns`; `block0_values` for a data
+frame of pandas; a coordinate `time` for xarray
+Names: that list; `block0_items` of pandas; the variables of xarray
+Units: `units`, `unit` or `unit_str`, a list with one unit per channel, or one unit for all
 Rate: `fs`, `sampling_rate`, `dt` and the like; the index of a data frame; the coordinate `time`
 Start: the first value of index or coordinate
 Based on: `BlockManagerFixed` in pandas/io/pytables.py of pandas-dev/pandas; files that xarray
-    writes with h5netcdf, and xarray/coding/times.py of pydata/xarray; for the keys of SEP-005,
-    which says nothing of files, docs/seps/sep-0005.rst of sdypy/sdypy. The names of keys beside
-    arrays of NumPy and h5py are not checked against a file or a description; from common knowledge
-    of the layout.
+writes with h5netcdf, and xarray/coding/times.py of pydata/xarray; for the keys of SEP-005, which
+does not define files, docs/seps/sep-0005.rst of sdypy/sdypy. The names of keys in NumPy and h5py
+files come from common knowledge and are not checked against a file or a description.
 Untested: a file of `to_hdf` itself, data frames of mixed types, and pandas' table format
 """
 
@@ -56,7 +55,7 @@ def _rate(facts: Mapping[str, Any]) -> float | None:
 
 
 def _facts(node: Any, item: Leaf) -> dict[str, Any]:
-    """Return the values next to an array and its attributes; attributes take precedence."""
+    """Return the values stored next to an array, and its attributes, which take precedence."""
     siblings = dict(node) if isinstance(node, Mapping) else {}
     return {**siblings, **item.attributes}
 
@@ -86,7 +85,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the contents with every row or column of a named table as a channel."""
+    """Return the contents with each row or column of a named table as a channel."""
     root = top(contents)
     series: dict[str, Leaf] = {}
     for _, item, facts in _tables(top(contents)):
@@ -109,7 +108,7 @@ def read(contents: Contents) -> Contents:
                 fs, unit, start,
             )  # fmt: skip
             if name in root:
-                continue  # the file uses this name for something else
+                continue  # The file uses this name for something else.
             root[name] = series[name] = channel
     return replace(contents, root=root, series=series)
 
@@ -120,7 +119,7 @@ def is_labelled(contents: Contents) -> bool:
 
 
 def read_labelled(contents: Contents) -> Contents:
-    """Return the variables along a coordinate of times, which becomes the role `time` of all."""
+    """Return the variables along a coordinate of times, which become the times of all channels."""
     clock = _clock(top(contents))
     if clock is None:
         return contents

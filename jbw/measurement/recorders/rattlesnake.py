@@ -1,8 +1,8 @@
 """Rattlesnake, a controller of vibration tests: NetCDF.
 
 Files: .nc, .nc4
-Recognised by: an array `time_data` of channels by samples, and a group `channels`
-Names: node and direction of each channel, behind its type
+Recognised by: an array `time_data` with a row per channel, and a group `channels`
+Names: the type of each channel, then its node and direction
 Units: `channels.unit`
 Rate: the attribute `sample_rate`
 Start: none
@@ -23,7 +23,7 @@ from jbw.units import plain
 
 
 def _texts(channels: Mapping[str, Any], name: str, number: int) -> list[str]:
-    """Return an attribute of every channel as text; empty texts if the file lacks it."""
+    """Return one attribute of every channel as text; empty texts if the file lacks it."""
     node = channels.get(name)
     if isinstance(node, Opaque):
         found = node.text.split("\n")
@@ -33,7 +33,7 @@ def _texts(channels: Mapping[str, Any], name: str, number: int) -> list[str]:
 
 
 def is_of(contents: Contents) -> bool:
-    """Return whether a file has Rattlesnake's samples and group of channels."""
+    """Return whether a file has the samples and the group of channels of Rattlesnake."""
     root = top(contents)
     table = root.get("time_data")
     is_table = isinstance(table, Leaf) and len(table.shape) == 2
@@ -41,7 +41,7 @@ def is_of(contents: Contents) -> bool:
 
 
 def read(contents: Contents) -> Contents:
-    """Return the contents with every row of samples as a channel with name, unit and rate."""
+    """Return the contents with each row of samples as a channel with name, unit and rate."""
     root = top(contents)
     table, channels = root["time_data"], node_at(root, "channels")
     number = table.shape[0]

@@ -9,7 +9,7 @@ from jbw.measurement.files.tree import Contents
 
 @dataclass(frozen=True)
 class Recorder:
-    """The recorder of one file dialect, as written by one program.
+    """A recorder: the layout of files as one program writes them.
 
     A tree of MATLAB, HDF5, UFF, TDMS, WAV or NumPy is recognised by `of` and annotated by `read`. A
     text is recognised from its first lines by `of_text`, and parsed by `read_text`. The docstring

@@ -5,10 +5,11 @@ Recognised by: structs, of any name such as `Signal_0`, with `x_values.increment
 `y_values.values`
 Names: `function_record.name` of each struct
 Units: `y_values.quantity.label`
-Rate: `x_values.increment`; of a spectrum the frequencies, by `x_values.quantity.label` in Hz
+Rate: `x_values.increment`; if `x_values.quantity.label` is Hz, the file is a spectrum and this is
+the step of its frequencies
 Start: `x_values.start_value`
 Based on: public scripts that load such exports, and the public KAIST data sets of rotating machines
-Untested: a file with `unit_transformation` other than by its name; exports of several runs
+Untested: files whose units must be converted by `unit_transformation`; exports of several runs
 """
 
 import math

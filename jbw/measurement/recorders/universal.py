@@ -1,4 +1,4 @@
-"""Universal files, data set 58, of Testlab, Pulse, PSV, SO Analyzer, SignalCalc, DATS and others.
+"""Universal files (data set 58) of Testlab, Pulse, PSV, SO Analyzer, SignalCalc, DATS and others.
 
 Files: .uff, .unv
 Recognised by: the format itself; data set 151 names the program
@@ -17,7 +17,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def read(contents: Contents) -> Contents:
-    """Return the data sets unchanged, as read, with the name of the program that wrote the file."""
+    """Return the data sets as read, and the name of the program that wrote the file."""
     program = str(contents.attributes.get("program", ""))
     return replace(contents, notes={**contents.notes, "program": program or "not stated"})
 

@@ -2,12 +2,12 @@
 
 Files: .wav
 Recognised by: the format itself
-Names: the numbers of the channels
-Units: none: full scale is 1, and `scale` of the campaign says what that is
-Rate: the format's own
+Names: the channel numbers
+Units: none: the largest value is 1, and `scale` of the campaign states its meaning
+Rate: the rate in the file's header
 Start: none
 Based on: Microsoft's and IBM's description of RIFF WAVE, read by SciPy
-Untested: calibrations in chunks of a maker's own
+Untested: calibrations in chunks that only one manufacturer uses
 """
 
 from dataclasses import replace
@@ -17,7 +17,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def read(contents: Contents) -> Contents:
-    """Return the contents unchanged, because the reader found all facts."""
+    """Return the contents unchanged, because the WAV reader has found everything."""
     return replace(contents)
 
 

@@ -15,7 +15,7 @@ FOOT = (
 
 
 def heading(day: str, law: str, version: str) -> str:
-    """Return the line below the title of the brief: its date, the law and the version of jbw."""
+    """Return the line below the title of the brief: date, law and version of jbw."""
     return f"Bolted joint, brief of {day}. Model: {law}. jbw {version}."
 
 
@@ -26,10 +26,10 @@ def levels(*, several_modes: bool) -> str:
 
 
 def more_findings(count: int) -> str:
-    """Return the message that counts the findings that do not fit on the page."""
+    """Return the line that counts the findings for which the page has no space."""
     return f"{count} more findings are in report.html."
 
 
 def more_lines(count: int) -> str:
-    """Return the message that counts the lines of a table that do not fit on the page."""
+    """Return the line that counts the rows of a table for which the page has no space."""
     return f"and {count} more lines: see report.html"

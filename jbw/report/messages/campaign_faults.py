@@ -1,4 +1,4 @@
-"""Faults of a campaign file, and of records beside it: what, why and remedy."""
+"""Faults of a campaign file, and of records that contradict it: what, why and remedy."""
 
 from collections.abc import Sequence
 
@@ -54,7 +54,7 @@ def typographic(typed: str) -> str:
 
 
 def mended(number: int, line: str, alike_lines: Sequence[int]) -> str:
-    """Return the remedy: the corrected line, and the first later line with the same mistake."""
+    """Return the remedy for a mistake: the corrected line, and the next line with this mistake."""
     more = f" Correct line {alike_lines[0]} in the same way." if alike_lines else ""
     return f"Write line {number} as `{line}`.{more}"
 
@@ -68,7 +68,7 @@ def table_again(number: int, table: str, other: int) -> tuple[str, str]:
 
 
 def key_again(number: int, key: str, other: int) -> tuple[str, str]:
-    """Return the message on a key that two lines state."""
+    """Return the message that two lines state the same key, and the remedy."""
     return (
         f"line {number} states `{key}` again, after line {other}",
         f"Keep one of lines {other} and {number}.",
@@ -76,7 +76,7 @@ def key_again(number: int, key: str, other: int) -> tuple[str, str]:
 
 
 def in_one_table(other: int, number: int, key: str, line: str) -> tuple[str, str]:
-    """Return the message that two lines state one table, with the line that replaces both."""
+    """Return the message that two lines state the same table, with one line that replaces both."""
     return (
         f"lines {other} and {number} both state `{key}`",
         f"Write line {other} as `{line}`, and remove line {number}.",
@@ -98,7 +98,7 @@ def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
 
 
 def motion_of_metres(motion: float, hz: float) -> FaultText:
-    """Return the message on an implausible motion [m], at a line [Hz]; 0 Hz for a displacement."""
+    """Return the message on an implausibly large motion [m] at a spectral line [Hz]; 0 if none."""
     line = f" at its strongest line, {hz:.3g} Hz" if hz else ""
     return FaultText(
         f"The motion would be {number(motion)} m{line}.",
@@ -163,7 +163,7 @@ def started_apart(size_s: float, delay_s: float, *, later: bool) -> FaultText:
 
 
 def unread(name: str, reason: str) -> FaultText:
-    """Return the message on a setting that changes nothing, and why."""
+    """Return the message that a setting has no effect, with the reason."""
     return FaultText(
         f"`{name}` has no effect: {reason}.",
         remedy="Leave it out.",
@@ -191,12 +191,12 @@ def no_coordinates(laws: str) -> str:
 
 
 def put_same_as(joint: str, leader: str) -> str:
-    """Return the message on the line that ties a joint to another."""
+    """Return the remedy with the campaign line that lets a joint use the law of another joint."""
     return f"Put under [[joint]] `{joint}`: `same_as = {leader}`, or sweep more modes."
 
 
 def few_modes(laws: int, modes: int) -> FaultText:
-    """Return the message that there are fewer swept modes than laws of joints."""
+    """Return the message that fewer modes are swept than there are laws of joints."""
     return FaultText(
         f"To determine {laws} laws, at least {laws} modes must be swept, but the bands of the "
         f"tests contain only {modes}.",
@@ -206,7 +206,7 @@ def few_modes(laws: int, modes: int) -> FaultText:
 
 
 def unmoved(joint: str) -> FaultText:
-    """Return the message on a joint that no swept mode moves."""
+    """Return the message that no swept mode moves a joint."""
     return FaultText(
         f"No mode in the bands of the tests moves joint `{joint}`; the data do not constrain its "
         "law.",
@@ -215,7 +215,7 @@ def unmoved(joint: str) -> FaultText:
 
 
 def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
-    """Return the message that the `level` of two tests and their drives contradict each other."""
+    """Return the message that the stated levels of two tests contradict their measured drives."""
     return FaultText(
         f"The `level` of test `{test}` is {ratio:.3g} times that of `{other}`, but its drive is "
         f"{smaller:.3g} times smaller, and its response is smaller too.",
@@ -235,17 +235,17 @@ def twice(first: str, relation: str, second: str, remedy: str) -> FaultText:
 
 
 def shares(share: float) -> str:
-    """Return the message on the share of a record that another record contains too."""
+    """Return the words on the fraction of a record that another record also contains."""
     return f"shares {share:.0%} with"
 
 
 def rest_or_leave_out(part_line: str, leaving_out: str) -> str:
-    """Return the remedy: use the part that no other test contains, or leave the record out."""
+    """Return the remedy: use the part of a record that no other test contains, or exclude it."""
     return f"{part_line}, a part that no other test contains, or {leaving_out}."
 
 
 def several_assemblies(count: int, names: Sequence[str]) -> str:
-    """Return the message that one [assembly] is stated for tests of several assemblies."""
+    """Return the message that [assembly] describes one assembly but tests belong to several."""
     return (
         f"[assembly]: describes one assembly, but the campaign has {count}: {', '.join(names)}; "
         "write a campaign file for each."
@@ -258,7 +258,7 @@ def name_of_several(name: str, count: int) -> str:
 
 
 def mode_outside(hz: float, bands: str) -> str:
-    """Return the message on a mode that no test with a source covers [Hz]."""
+    """Return the message that a mode [Hz] lies in the band of no driven test."""
     return (
         f"[identify] modes: {hz:g} Hz must lie in the band of a test with a source, {bands}; "
         "widen `band`, or let `residuals` describe this mode."
@@ -289,7 +289,7 @@ def joint_twice(table: str, count: int) -> str:
 
 
 def no_place(table: str) -> str:
-    """Return the message that a joint of a matrix model has no place."""
+    """Return the message that a joint of a matrix model has no location."""
     return f"{table}: if there are matrices, a joint must have `across` or `weights`."
 
 
@@ -304,7 +304,7 @@ def without_matrices(table: str, key: str) -> str:
 
 
 def shape_of_modes(table: str, modes: int, count: int) -> str:
-    """Return the message on a shape with a wrong number of modes."""
+    """Return the message on a joint's shape whose length is not the number of modes."""
     return (
         f"{table} shape: must have a number for each of {modes} modes under [structure], but "
         f"has {count}."

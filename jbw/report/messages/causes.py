@@ -7,7 +7,7 @@ from jbw.report.messages.remedies import put
 
 
 def causes(explained: Sequence[tuple[float, str]]) -> str:
-    """Return the sentence on possible causes of the residual, each with the share it explains."""
+    """Return the sentence on possible causes of the residual, with the fraction each explains."""
     shares = [f"{text.rstrip('.')} ({percent(share, '.0f')})" for share, text in explained]
     return (
         "Possible causes of the residual, each with the share of the residual that it alone "
@@ -16,7 +16,7 @@ def causes(explained: Sequence[tuple[float, str]]) -> str:
 
 
 def residual_term(constant: float) -> FaultText:
-    """Return the fault that modes outside the band respond, and the line that fits them."""
+    """Return the fault that modes outside the band respond, with the line for fitting them."""
     return FaultText(
         f"Modes outside the band respond by {constant:.3g} m per unit of the input.",
         "A model of one mode does not contain this response.",
@@ -25,7 +25,7 @@ def residual_term(constant: float) -> FaultText:
 
 
 def natural_frequencies(scatter: float) -> FaultText:
-    """Return the message that natural frequencies differ between tests, and its remedy."""
+    """Return the message that natural frequencies differ between tests, with its remedy."""
     return FaultText(
         "Natural frequency and damping differ between the tests: the standard deviation is "
         f"{percent(scatter, '.2f')}.",

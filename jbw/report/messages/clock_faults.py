@@ -4,7 +4,7 @@ from jbw.report.messages.message import FaultText, number, percent
 
 
 def lost_block(at_s: float, jump_s: float, keep: str) -> FaultText:
-    """Return the message for a lag that jumps [s], and how to keep the part before it."""
+    """Return the message that the response's lag jumps [s], and how to keep the part before it."""
     ahead = "ahead of" if jump_s < 0 else "behind"
     return FaultText(
         f"At {at_s:.3g} s the response jumps by {abs(jump_s):.3g} s {ahead} the drive: one of the "
@@ -15,7 +15,7 @@ def lost_block(at_s: float, jump_s: float, keep: str) -> FaultText:
 
 
 def another_clock(slope: float, change_s: float | None = None) -> FaultText:
-    """Return the message that two clocks differ [s/s], with the change of lag in a record [s]."""
+    """Return the message that two clocks differ [s/s], with the resulting change of lag [s]."""
     fast = "fast" if slope > 0 else "slow"
     change = "" if change_s is None else f": their lag changes by {change_s:.2g} s along the record"
     return FaultText(
@@ -28,7 +28,7 @@ def another_clock(slope: float, change_s: float | None = None) -> FaultText:
 
 
 def another_delay(lag_s: float, stated_s: float | None = None) -> FaultText:
-    """Return the message that a response lags its drive [s], unlike a stated delay [s]."""
+    """Return the message that a response lags behind the drive [s], unlike the stated delay."""
     way = "lags behind" if lag_s > 0 else "leads"
     stated = "" if stated_s is None else f"; the campaign states a delay of {stated_s:g} s"
     return FaultText(
@@ -40,7 +40,7 @@ def another_delay(lag_s: float, stated_s: float | None = None) -> FaultText:
 
 
 def drop_off(share: float, noise: float) -> FaultText:
-    """Return the message that the drive drops at resonance, with the share of noise there."""
+    """Return the message that the drive drops at the resonance, with the fraction of noise."""
     return FaultText(
         f"At the resonance the drive falls to {share:.2g} times its usual level, and "
         f"{percent(noise, '.0f')} of the measured drive is then noise.",

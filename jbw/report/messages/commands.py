@@ -1,4 +1,4 @@
-"""The messages that the commands print in addition to their tables."""
+"""The messages that commands print in addition to their tables."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ def parameter_explained(quantity: Quantity, laws: Sequence[str]) -> str:
 
 
 def nothing_called(name: str, nearest: str) -> str:
-    """Return the message that a name has no explanation, with the most similar known name."""
+    """Return the message that a name is unknown, with the most similar known name."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""
     return f"There is no explanation of '{name}'.{guess} For a list of all findings: jbw explain"
 
@@ -63,13 +63,13 @@ def one_at_a_time(first: str, second: str) -> str:
 
 
 def no_command(name: str, nearest: str) -> str:
-    """Return the message that a command is misspelt, with the most similar command."""
+    """Return the message that a command does not exist, with the most similar command."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""
     return f"No such command '{name}'.{guess}"
 
 
 def identify_again(folder: str) -> str:
-    """Return the message on the command that makes a run's folder."""
+    """Return the remedy that names the command for identifying a run's campaign again."""
     return f"jbw identify CAMPAIGN.toml --out {folder}"
 
 
@@ -79,17 +79,17 @@ def saved(folder: str, quoted: str) -> str:
 
 
 def draw_posterior(folder: str) -> str:
-    """Return the hint after a quick answer: how to draw the posterior and write a report."""
+    """Return the hint after a quick result: how to sample the posterior and write a report."""
     return f" samples the posterior; to write a report: jbw report {folder}"
 
 
 def or_export(folder: str) -> str:
-    """Return the message that names the command to export a good result."""
+    """Return the hint after a good result: the command for exporting the joint."""
     return f", or to use the joint in other programs: jbw export {folder}"
 
 
 def or_plan(folder: str) -> str:
-    """Return the message that names the command to plan tests after a failed result."""
+    """Return the hint after a failed result: the command for planning further tests."""
     return f", or to plan further tests: jbw plan {folder}"
 
 
@@ -121,5 +121,5 @@ def condition_number(value: str) -> str:
 
 
 def two_numbers(value: str) -> str:
-    """Return the message that a range of frequencies is misspelt."""
+    """Return the message that an option is no range of two frequencies."""
     return f"{value} must be two numbers in Hz with a colon, as in 10:25."

@@ -1,4 +1,4 @@
-"""Findings on the question: did the computation converge?"""
+"""Findings that answer the question whether the computation has converged."""
 
 from jbw.report.messages.message import Message
 from jbw.report.messages.remedies import draw_more

@@ -19,12 +19,12 @@ def few_values(
 
 
 def put_wider_band(low: float, high: float) -> str:
-    """Return the remedy with a band that is wide enough for the length of the record [Hz]."""
+    """Return the remedy with a band [Hz] that is wide enough for the record's length."""
     return f"Put under [[test]]: `band = [{low:g}, {high:g}]`, where no other mode lies in it."
 
 
 def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
-    """Return the message that a blow comes late [s], with a `settle` after the blow [s]."""
+    """Return the message that a record begins before its blow [s], with a `settle` [s] to state."""
     return FaultText(
         f"The blow comes {blow_s:.3g} s after the start of the record"
         + (f" and its `settle` of {settle_s:g} s." if settle_s > 0 else "."),
@@ -43,7 +43,7 @@ def read_from_blow(test: str, first: str, last: str, count: int, of: int) -> str
 
 
 def still_driven(steady_s: float, settle: str) -> FaultText:
-    """Return the message that a decay was driven until a time [s], with a `settle` after it [s]."""
+    """Return the message that a decay is driven until a time [s], with a `settle` [s] to state."""
     return FaultText(
         f"The motion is steady for the first {steady_s:.3g} s and decays only after that.",
         "Until then it was driven; a fit as a free decay would find a joint without damping.",
@@ -52,7 +52,7 @@ def still_driven(steady_s: float, settle: str) -> FaultText:
 
 
 def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultText:
-    """Return the message that a decay jumps at a time [s], its size, and how to leave it out."""
+    """Return the message that a decay jumps at a time [s], its size, and the remedy."""
     return FaultText(
         f"At {at_s:.3g} s the motion jumps by {size:.2g} of its amplitude"
         + (
@@ -78,7 +78,7 @@ def steady_line(hz: str, share: float) -> FaultText:
 
 
 def line_in_sweep(hz: str) -> FaultText:
-    """Return the message on a spectral line in a sweep [Hz] that its drive does not cause."""
+    """Return the message on a spectral line in a sweep [Hz] that the drive does not cause."""
     return FaultText(
         f"A spectral line at {hz} Hz does not come from the drive.",
         "Where the sweep passes this frequency, the line is taken for the response.",
@@ -89,7 +89,7 @@ def line_in_sweep(hz: str) -> FaultText:
 def second_mode(
     first_hz: float, second_hz: float, band: tuple[float, float] | None, *, driven: bool
 ) -> FaultText:
-    """Return the message for two modes in one band [Hz], and a band with the first mode only."""
+    """Return the message on two modes in one band [Hz], with a band that has only the first."""
     structure = f"tate both modes by [structure]{' or by `modes` in [identify]' if driven else ''}."
     narrower = None if band is None else f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`"
     return FaultText(
@@ -100,7 +100,7 @@ def second_mode(
 
 
 def unexplained(share: float) -> FaultText:
-    """Return the message on the share of a response that neither a mode nor a fault explains."""
+    """Return the message on the fraction of a response that neither mode nor fault explains."""
     return FaultText(
         f"One mode does not explain {share:.2g} of the response, and no known fault explains it.",
         "Frequency and damping that are fitted to this response do not belong to a mode.",

@@ -1,4 +1,4 @@
-"""The messages on a difference of two runs: parameters that differ, limits of the probability."""
+"""Messages on the difference between two runs: which parameters differ, and limits."""
 
 from collections.abc import Mapping, Sequence
 
@@ -17,13 +17,13 @@ SHARES = {True: "the modes have two joints", False: "the modes may share one joi
 
 
 def differs(name: str, difference: str, *, sure: bool) -> str:
-    """Return the message on one difference with its interval."""
+    """Return the sentence that a quantity differs between two runs, with the interval."""
     verb = "differs" if sure else "may be the same"
     return f"{name} {verb}: A - B is {difference}."
 
 
 def may_be_same(names: Sequence[str]) -> str:
-    """Return the message on parameters without a significant difference."""
+    """Return the sentence on parameters that may be equal in both runs."""
     return f"Parameters that may be the same: {', '.join(names)}."
 
 
@@ -59,7 +59,7 @@ def homes_differ(joints: str, first: str, second: str) -> str:
 
 
 def of_prior(names: Mapping[str, Sequence[str]]) -> str:
-    """Return the message on parameters that a run does not identify, with these runs."""
+    """Return the sentence on parameters that a run's data do not determine, with these runs."""
     shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
     return (
         "Parameters that are not compared, because the data of the runs in brackets do not "
@@ -68,17 +68,17 @@ def of_prior(names: Mapping[str, Sequence[str]]) -> str:
 
 
 def only_one(names: Sequence[str]) -> str:
-    """Return the message on parameters that only one run has."""
+    """Return the sentence on parameters that only one of two runs has."""
     return f"Only one of the two runs has the parameters {listed(names)}."
 
 
 def not_usable(run: str, verdict: str) -> str:
-    """Return the message that a run's verdict does not allow to use its numbers."""
+    """Return the sentence that a run's numbers must not be used, because of its verdict."""
     return f"The verdict of run {run} is {verdict}: read its report before you use its numbers."
 
 
 def inadequate(runs: Sequence[str]) -> str:
-    """Return the message that the difference may be one of the records, by model discrepancy."""
+    """Return the sentence that a difference may come from model discrepancy instead."""
     return (
         f"In {listed(runs)} the residual of the law exceeds the noise. The parameters then depend "
         "on which records were fitted and on their amplitudes, which no interval includes: the "
@@ -88,7 +88,7 @@ def inadequate(runs: Sequence[str]) -> str:
 
 
 def records_scatter(spreads: Mapping[str, Mapping[str, float]]) -> str:
-    """Return the sentence on the standard deviations that varying records add to a run's means."""
+    """Return the sentence on how the variation between records affects the means of each run."""
     shown = "; ".join(
         f"{run} {', '.join(f'{name} {percent(sd)}' for name, sd in row.items())}"
         for run, row in spreads.items()
@@ -111,7 +111,7 @@ def sessions_scatter(spreads: Mapping[str, tuple[str, str]]) -> str:
 
 
 def one_joint(ratio: str, a: str, b: str, *, sure: bool) -> str:
-    """Return the message on whether two modes may have one joint."""
+    """Return the sentence on whether two modes may share one joint."""
     return (
         f"If both modes share one joint, {ratio} is the same in both. A: {a}, B: {b}; "
         f"{SHARES[sure]}."
@@ -119,7 +119,7 @@ def one_joint(ratio: str, a: str, b: str, *, sure: bool) -> str:
 
 
 def without_backbone(run: str) -> str:
-    """Return the message that a run has no frequency and damping against amplitude."""
+    """Return the message that a run lacks frequency and damping against amplitude."""
     return (
         f"Run {run} lacks the parameters or the displacement that are needed to compute frequency "
         "and damping."
@@ -127,7 +127,7 @@ def without_backbone(run: str) -> str:
 
 
 def with_torque(quantity: str, amplitude: str, change: str, word: str) -> str:
-    """Return the sentence on the trend of a quantity with torque; an empty `word` is no trend."""
+    """Return the sentence on a quantity's trend with torque; an empty `word` means no trend."""
     if not word:
         return f"At {amplitude} the {quantity} shows no trend with torque: {change} per doubling."
     return f"At {amplitude} the {quantity} {word} with torque: {change} per doubling."

@@ -1,4 +1,4 @@
-"""The messages on the model discrepancy: the error of a law on runs that were not fitted."""
+"""Messages on the model discrepancy: the error of a law for runs that were not fitted."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -14,7 +14,7 @@ SHIFT_OF_RUN = "error of a fit without this run"
 
 
 class Unscored(NamedTuple):
-    """The reason why no test shows how a law predicts other levels."""
+    """The reason why no test shows how well a law predicts other levels."""
 
     reason: str
     sentence: str
@@ -64,7 +64,7 @@ def one_kind(kind: str) -> str:
 
 
 def not_scored(levels: str, kind: str) -> str:
-    """Return the sentence on predictions of a law whose error is unknown.
+    """Return the sentence on predictions whose errors are unknown, with the reasons.
 
     `levels` is a key of `UNSCORED`, `kind` the kind of all tests; each is empty where others show
     it.
@@ -82,7 +82,7 @@ def missed(
     run_frequency: float,
     run_damping: float,
 ) -> str:
-    """Return the sentence on the errors of a law on omitted runs, with the largest error."""
+    """Return the sentence on the errors of a law for omitted runs, with the largest error."""
     parts = [f"{percent(frequency)} of the natural frequency"] if frequency else []
     parts += [f"{percent(damping)} of critical damping"] if damping else []
     parts += (

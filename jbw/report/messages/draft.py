@@ -1,4 +1,4 @@
-"""Comments and guesses of a drafted campaign file, and what `jbw init` asks."""
+"""Comments and guesses in a drafted campaign file, and questions of `jbw init`."""
 
 from collections.abc import Sequence
 
@@ -50,7 +50,7 @@ def other_records(path: str) -> tuple[str, str, str]:
 
 
 def mass_of_campaign(path: str, mass: str) -> tuple[str, str]:
-    """Return the message that `--mass` has no effect on a campaign file that exists already."""
+    """Return the error that `--mass` has no effect on an existing campaign file, and the remedy."""
     return (
         f"Option --mass is only for new campaign files, but `{path}` exists already.",
         f"State the mass in the file, under [campaign]: modal_mass = {mass}",
@@ -63,45 +63,45 @@ def drafted(path: str) -> str:
 
 
 def drafted_before(path: str) -> str:
-    """Return the message that a campaign file for the records exists already."""
+    """Return the message that a campaign file for these records exists already."""
     return f"The campaign file {path} names these records, and is used."
 
 
 def guessed_kind(kind: str) -> str:
-    """Return the message on a kind of test that was guessed."""
+    """Return the note that the kind of a test was guessed."""
     return f"kind {kind!r} is a guess."
 
 
 def guessed_role(role: str, channel: str) -> str:
-    """Return the message on a role of a channel that was guessed."""
-    return f"the role of channel {channel}, {role}, is a guess."
+    """Return the note that a channel's quantity was guessed."""
+    return f"the quantity of channel `{channel}` is a guess: {role}."
 
 
 def check_roles(roles: Sequence[str]) -> str:
-    """Return the message on roles that were guessed."""
+    """Return the mark for a line with guessed quantities."""
     are = "is a guess" if len(roles) == 1 else "are guesses"
     return f"  # CHECK: {', '.join(roles)} {are}"
 
 
 def not_used(channels: str) -> str:
-    """Return the message that names the unused channels."""
-    return f"# not used: {channels}"
+    """Return the comment that names the unused channels of a file."""
+    return f"# channels that are not used: {channels}"
 
 
 def shared_band(band: str) -> str:
-    """Return the line of a band around the spectral line that every decay shows."""
+    """Return the draft line of a band around the spectral line that all decays show."""
     return f"band = {band}  # CHECK: around the spectral line that every decay shows"
 
 
 def about_strongest(low: float, high: float) -> str:
-    """Return the message on a band that was guessed from one record [Hz]."""
+    """Return the note that a band [Hz] was guessed from the strongest spectral line."""
     return (
         f"the band {low:g} to {high:g} Hz is a guess: it lies around the strongest spectral line."
     )
 
 
 def about_shared(low: float, high: float) -> str:
-    """Return the message on a band that was guessed from all decays [Hz]."""
+    """Return the note that a band [Hz] was guessed from a line that all decays show."""
     return (
         f"the band {low:g} to {high:g} Hz is a guess: it lies around the spectral line that "
         "every decay shows."
@@ -109,27 +109,27 @@ def about_shared(low: float, high: float) -> str:
 
 
 def more_groups(count: int) -> str:
-    """Return the message that counts the groups of a file that are not drafted."""
+    """Return the comment on how many groups of a file were not drafted."""
     return f"# {count} more groups like these are in the file.\n"
 
 
 def files(pattern: str, count: int) -> str:
-    """Return the message on the files of a test, and how many they are."""
+    """Return the draft line with the files of a test, and their number."""
     return f"files = {pattern}  # {count} file(s), each of which is one repeat"
 
 
 def assembly(name: str) -> str:
-    """Return the line of a test's assembly, taken from the torque in the name of its files."""
+    """Return the draft line of a test's assembly, from the torque in its file names."""
     return f"assembly = {name}  # CHECK: from the torque in the name"
 
 
 def of_one_torque(torque: str) -> str:
-    """Return the table [assembly] with the torque [N m] that all names of files contain."""
+    """Return the [assembly] table with the torque [N m] that all file names contain."""
     return f"[assembly]\ntorque = {torque}  # [N m] CHECK: taken from the names of the files"
 
 
 def torques(patterns: Sequence[str]) -> str:
-    """Return the message that files of several torques are drafted as assemblies of one joint."""
+    """Return the note that files of several torques are drafted as assemblies of one joint."""
     return (
         "files of several torques are drafted as assemblies of one joint, each with its own "
         "frequency and damping. If the joint changes with torque, identify the files of each "
@@ -139,94 +139,94 @@ def torques(patterns: Sequence[str]) -> str:
 
 
 def level(level: str, source: str) -> str:
-    """Return the line of a test's level, taken from the record of its source."""
+    """Return the draft line of a test's level, measured in the record of its source."""
     return f"level = {level}  # peak of the {source}"
 
 
 def delay(delay: str) -> str:
-    """Return the line of a delay between channels, taken from their start times."""
+    """Return the draft line of a delay between channels, from their starting times."""
     return f"delay = {delay}  # from the start times in the file"
 
 
 def resampled(rate: str) -> str:
-    """Return the line of a rate [Hz] for times that are not evenly spaced."""
+    """Return the draft line of a rate [Hz] for resampling times that are not even."""
     return f"resample = {rate}  # CHECK: [Hz]; the times of the record are not evenly spaced"
 
 
 def resampled_at(rate: float) -> str:
-    """Return the message on a rate that was guessed [Hz]."""
+    """Return the note that a rate for resampling was guessed [Hz]."""
     return f"resampled at {rate:g} Hz, because the times of the record are not evenly spaced."
 
 
 def assumed_unit(role: str, unit: str) -> str:
-    """Return the message on a unit that the file does not state."""
+    """Return the note that a unit was guessed because the file states none."""
     return f"the unit of {role} is assumed to be the SI unit, {unit}."
 
 
 def check_units(roles: str) -> str:
-    """Return the message on roles whose units the file does not state."""
+    """Return the mark for a line of units that the file does not state."""
     return f"  # CHECK: SI assumed, not in the file, for {roles}"
 
 
 def band(band: str) -> str:
-    """Return the line of a band around the strongest spectral line."""
+    """Return the draft line of a band around the strongest spectral line."""
     return (
         f"band = {band}  # CHECK: around the strongest spectral line; no other mode may lie in it"
     )
 
 
 def about_tone(hz: float) -> str:
-    """Return the message on a tone that was guessed [Hz]."""
+    """Return the note that a tone was guessed [Hz]."""
     return f"the tones, {hz:g} Hz, are a guess: the strongest spectral line of the record's source."
 
 
 def tone(tones: str) -> str:
-    """Return the line of a tone at the strongest spectral line."""
+    """Return the draft line of a tone at the strongest spectral line."""
     return f"tones = {tones}  # CHECK: the strongest spectral line of the record's source [Hz]"
 
 
 def scalar_rate(name: str) -> str:
-    """Return the line of a sampling frequency that a scalar of the file contains."""
+    """Return the draft line of a sampling frequency that is stored in the file."""
     return f"fs = {name}  # the scalar of that name in the file"
 
 
 def name_channels(file: str, channels: str) -> str:
-    """Return the message that a person must name the channels of a file."""
+    """Return the comment that the user must name the channels of a file."""
     return f"# CHECK: name the channels of {file} by hand, from {channels}."
 
 
 def kind(kind: str, kinds: str) -> str:
-    """Return the commented line of the kind of a test, with all kinds."""
+    """Return the commented draft line of a test's kind, with all possible kinds."""
     return f"# kind = {kind}  # one of {kinds}"
 
 
 def separate_files(files: str) -> str:
-    """Return the message with the line for separate files of the response."""
+    """Return the comment with a line for channels in separate files."""
     return f"# if the response is in separate files: files = {files}"
 
 
 def slowest(rate: str) -> str:
-    """Return the line of the sampling rate of the slowest channel [Hz]."""
+    """Return the draft line that resamples all channels to the slowest rate [Hz]."""
     return f"resample = {rate}  # [Hz], the rate of the slowest channel"
 
 
 def doubtful(doubt: str) -> str:
-    """Return the comment on data that cannot be used."""
+    """Return a comment on data that the reader cannot use."""
     return f"# CHECK: {doubt}"
 
 
 def one_of_axes(role: str, channels: str) -> str:
-    """Return the note that one of several axes or curves is drafted."""
+    """Return the note that one of several axes or curves must be chosen."""
     return f"{role} may be any of {channels}: choose one, or make a test of each."
 
 
 def check_axes(role: str, channels: str) -> str:
-    """Return the mark of a channel that is one of several axes."""
+    """Return the mark for a channel that was chosen from several axes."""
     return f"  # CHECK: {role} may be any of {channels}"
 
 
 def assumed_time_unit(channel: str, unit: str) -> str:
-    """Return the message on a unit of times that the file does not state."""
+    """Return the note that the unit of times was guessed."""
     return (
         f"the unit of the channel of times, {channel}, is assumed to be {unit}; the sampling "
         "frequency depends on it."
@@ -234,32 +234,32 @@ def assumed_time_unit(channel: str, unit: str) -> str:
 
 
 def counts_samples(channel: str) -> str:
-    """Return the message that a column counts samples and no rate is stated."""
+    """Return the note that a column only counts samples and that no rate is stated."""
     return f"channel {channel} counts samples, so that the sampling frequency fs must be given."
 
 
 def coarse_times(channel: str, fs: float) -> str:
-    """Return the message on times that have too few digits, and their mean rate [Hz]."""
+    """Return the note on times with too few digits, with their mean rate [Hz]."""
     return f"the times in channel {channel} have too few digits; their mean rate is {fs:g} Hz."
 
 
 def mean_rate(fs: str) -> str:
-    """Return the line of the mean rate of times with too few digits [Hz]."""
+    """Return the draft line of the mean rate of times with too few digits [Hz]."""
     return f"fs = {fs}  # CHECK: [Hz], the mean rate of times with too few digits"
 
 
 def in_volts(role: str) -> str:
-    """Return the message on a channel of a sensor that the file states in volts."""
+    """Return the note on a channel in volts that belongs to a sensor."""
     return f"{role} is in volts, as the file states: add the sensitivity of its sensor."
 
 
 def sensitivity(sensors: str) -> str:
-    """Return the commented line of sensors' sensitivities, to be filled in."""
+    """Return the commented draft line of sensitivities, which the user must complete."""
     return f"# sensitivity = {sensors}  # CHECK: of the sensor, from its certificate"
 
 
 def matrices(files: Sequence[str]) -> str:
-    """Return the message on files with matrices of a model next to the records."""
+    """Return the note on files with a model's matrices next to the records."""
     return (
         f"{', '.join(files)}: matrices of a model. To identify the joints of the model, fill in "
         "the tables [structure] and [[joint]], which the draft contains as a comment."
@@ -267,7 +267,7 @@ def matrices(files: Sequence[str]) -> str:
 
 
 def matrices_alone(folder: str, files: Sequence[str]) -> tuple[str, str, str]:
-    """Return the message on a folder of a model's matrices, without a record."""
+    """Return the error for a folder with a model's matrices but no record."""
     return (
         f"Folder `{folder}` must contain a record, but contains only matrices of a model: "
         f"{', '.join(files)}.",
@@ -277,7 +277,7 @@ def matrices_alone(folder: str, files: Sequence[str]) -> tuple[str, str, str]:
 
 
 def structure(matrices: str, places: Sequence[str], written: Sequence[str]) -> str:
-    """Return the commented tables [structure] and [[joint]] from the files of a model."""
+    """Return the commented tables [structure] and [[joint]] for the files of a model."""
     some = ", ".join(places[:6]) + (f", ..., {places[-1]}" if len(places) > 6 else "")
     push, points, across = written
     return f"""\
@@ -298,5 +298,5 @@ stiffness = 1e6  # CHECK: with the joint fully stuck [N/m, or N m/rad]
 
 
 def to_export(remedy: str) -> str:
-    """Return the message on what to do about a file that cannot be read."""
+    """Return the note on how to export a file that jbw cannot read."""
     return f"this file cannot be read. {remedy}"

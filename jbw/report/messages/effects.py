@@ -1,4 +1,4 @@
-"""The messages on a joint's effect on frequency and damping, and on its law from a backbone."""
+"""Messages on a joint's effect on frequency and damping, and on its law from a backbone."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,7 @@ SLIDERS = ": the data agree with a joint of sliders"
 
 
 def of_joint(y: float, frequency: Sequence[float], damping: Sequence[float]) -> str:
-    """Return the sentence on the joint's change of frequency and damping at an amplitude [m]."""
+    """Return the sentence on how the joint changes frequency and damping at an amplitude [m]."""
     return (
         f"At {1e3 * y:.3g} mm, the largest fitted displacement, the joint "
         f"{_change('natural frequency', frequency)} and {_change('damping ratio', damping)}, "
@@ -22,7 +22,7 @@ def of_joint(y: float, frequency: Sequence[float], damping: Sequence[float]) -> 
 
 
 def _change(quantity: str, quantiles: Sequence[float]) -> str:
-    """Return the phrase on a change with its interval, which is signed if it contains zero."""
+    """Return the phrase on a change with its interval; an interval that contains zero is signed."""
     low, _, high = quantiles
     is_known = low * high > 0.0
     verb = ("lowers" if high < 0.0 else "raises") if is_known else "changes"
@@ -59,7 +59,7 @@ def damping_at(y: float) -> str:
 
 
 def turning(y: float, hz: float, last: float) -> str:
-    """Return the clause on a frequency that reverses at a point [m, Hz], and its end value [Hz]."""
+    """Return the clause on a frequency that stops falling at an amplitude [m], with values [Hz]."""
     first, then = ("falls", "rises") if last > hz else ("rises", "falls")
     return (
         f"the frequency {first} to {hz:.4g} Hz at {number(1e6 * y)} um, then {then} to "
@@ -68,19 +68,19 @@ def turning(y: float, hz: float, last: float) -> str:
 
 
 def frequency_falls(softening: Estimate, exponent: Estimate) -> str:
-    """Return the clause on the change of the frequency and its exponent of the amplitude."""
+    """Return the clause on the frequency's change and on its power of the amplitude."""
     change = _trend(_negative(softening), rises="rises", falls="falls")
     return f"the frequency {change}, with the amplitude to the power {_number(exponent)}"
 
 
 def damping_grows(damping: Estimate, exponent: Estimate) -> str:
-    """Return the clause on the change of the damping ratio and its exponent of the amplitude."""
+    """Return the clause on the damping ratio's change and on its power of the amplitude."""
     change = _trend(damping, rises="grows", falls="shrinks")
     return f"the damping ratio {change}, with the amplitude to the power {_number(exponent)}"
 
 
 def _trend(change: Estimate, *, rises: str, falls: str) -> str:
-    """Return the verb and size of a change; "changes" if its interval contains zero."""
+    """Return verb and size of a change; the verb is "changes" if the interval contains zero."""
     if change[2] < 0.0:
         return f"{falls} by {_percent(_negative(change))}"
     return f"{rises if change[0] > 0.0 else 'changes'} by {_percent(change)}"
@@ -92,7 +92,7 @@ def _negative(change: Estimate) -> Estimate:
 
 
 def readings(count: int, range_mm: tuple[float, float], of_frequency: str, of_damping: str) -> str:
-    """Return the sentence on measured frequency and damping: count, range, and changes."""
+    """Return the sentence on measured frequency and damping: number, range and changes."""
     low, high = range_mm
     return (
         f"{count} values of frequency and damping between {low:.2g} and {high:.2g} mm: "
@@ -111,7 +111,7 @@ def no_softening(*, grows: bool) -> str:
 
 
 def elastic_softening(share: Estimate) -> str:
-    """Return the message on the share of the softening that dissipates nothing."""
+    """Return the sentence on the fraction of the softening that dissipates no energy."""
     return (
         f": {_percent(share)} of the softening is elastic, or the joint does not follow "
         "Masing's rule"
@@ -119,7 +119,7 @@ def elastic_softening(share: Estimate) -> str:
 
 
 def masing(ratio: Estimate, of_masing: float, comparison: str, opening: Estimate) -> str:
-    """Return the sentence on damping over softening versus Masing's laws, and on gamma/delta."""
+    """Return the sentence that compares damping and softening with Masing's rule."""
     return (
         f"The ratio of damping to softening is {_number(ratio)}; laws that follow Masing's rule "
         f"have {of_masing:.2g}{comparison}. For a Bouc-Wen law gamma/delta is {_number(opening)}."

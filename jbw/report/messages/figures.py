@@ -48,7 +48,7 @@ def mode_at(mode: int, hz: float) -> str:
 
 
 def energy_of(shares: str) -> str:
-    """Return the label with the joints' shares in a mode's strain energy."""
+    """Return the label for the joints' shares in a mode's strain energy."""
     return f"strain energy: {shares}"
 
 
@@ -58,7 +58,7 @@ def secant(stiffness: str, unit: str) -> str:
 
 
 def model_residual(error: str) -> str:
-    """Return the label of a record's residual, with its error."""
+    """Return the label of a record's residual, with the error."""
     return f"residual of the model: {error}"
 
 
@@ -73,19 +73,19 @@ def full_stick(stiffness: str) -> str:
 
 
 def modal_amplitude(unit: str, several_joints: bool) -> str:
-    """Return the label of modal amplitude: of the mode if `several_joints`, else at the joint."""
+    """Return the axis label of an amplitude: of the mode if `several_joints`, else at the joint."""
     where = "of the mode" if several_joints else "at the joint"
     return f"amplitude {where} [{unit}]"
 
 
 def first_point_amplitude(unit: str) -> str:
-    """Return the label of a mode's amplitude at the first measured point."""
+    """Return the axis label of a mode's amplitude at the first measured point."""
     return f"amplitude at the first point [{unit}]"
 
 
 def fold(mode: str, amplitude: str) -> str:
-    """Return the message on where the backbone of a mode ends, and the two possible reasons."""
-    return f"{mode}: fold, or too many\nturns, at {amplitude}"
+    """Return the title of a backbone that ends early, with the two possible reasons."""
+    return f"{mode}: ends at {amplitude},\nat a fold or too many turns"
 
 
 def loop_areas(count: int, largest: str) -> str:

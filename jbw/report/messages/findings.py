@@ -15,7 +15,7 @@ FINDINGS: dict[str, Message] = {
 
 
 def register(message: Message) -> Message:
-    """Add a finding that an extension defines, so that jbw prints its sentence everywhere.
+    """Add a finding that an extension defines, so that jbw can print its sentence everywhere.
 
     Raises:
         ConfigError: Another entry has that code.
@@ -30,7 +30,7 @@ def register(message: Message) -> Message:
 
 
 def sentence_of(entry: str, values: Mapping[str, Any], *, passed: bool) -> str:
-    """Return the sentence of a finding with its values, for a check that `passed` or failed."""
+    """Return the sentence of a finding with its values, for a check that passed or failed."""
     message = FINDINGS[entry]
     return written((passed and message.passed) or message.sentence, values)
 

@@ -1,4 +1,4 @@
-"""The messages on readings of frequency and damping of a joint without the form of a law."""
+"""Messages on frequency and damping according to the free-form law of a joint."""
 
 from collections.abc import Sequence
 
@@ -52,7 +52,7 @@ def masing(rule: str, nats: float, limit: float) -> str:
 
 
 def least_damping(times: float, zeta: float) -> str:
-    """Return the message on the least damping of any law of sliders at a larger amplitude."""
+    """Return the sentence on the least damping of any law of sliders at a larger amplitude."""
     return (
         f"Every law that follows Masing's rule has at least {100 * zeta:.3g} % of critical "
         f"damping at {times:g} times the largest measured amplitude (99 % confidence)."
@@ -60,7 +60,7 @@ def least_damping(times: float, zeta: float) -> str:
 
 
 def scattered(times: float) -> str:
-    """Return the sentence that no function of amplitude fits the values within their errors."""
+    """Return the sentence that frequency and damping vary by more than their errors explain."""
     return (
         "No function of the amplitude describes the measured frequency and damping within "
         f"their errors: the deviations are {times:.2g} times as large as the errors. The bands "
@@ -69,7 +69,7 @@ def scattered(times: float) -> str:
 
 
 def gap_sliders(count: int, error: float, gap: float) -> str:
-    """Return the sentence on the fit of the force loops by sliders behind gaps, without a law."""
+    """Return the sentence on how well sliders behind gaps fit the force loops."""
     return (
         f"Without assuming a law, {count} sliders behind gaps (mean gap {1e3 * gap:.3g} mm) fit "
         f"the force loops with an error of {percent(error)} of the rms."

@@ -1,10 +1,10 @@
-"""Faults of the sign and the size of a response over its drive: what, why and remedy."""
+"""Faults in sign or size of the ratio of response to drive: what, why and remedy."""
 
 from jbw.report.messages.message import FaultText, number
 
 
 def negative_gain(role: str) -> FaultText:
-    """Return the message that the gain is negative."""
+    """Return the message that the ratio of response to drive has a negative sign."""
     return FaultText(
         "At its resonance the response moves against the input: the gain is negative.",
         "The polarity of one channel is reversed, or the response was measured in the opposite "
@@ -14,7 +14,7 @@ def negative_gain(role: str) -> FaultText:
 
 
 def base_motion(gain: float) -> FaultText:
-    """Return the message that a drive is the acceleration of a base, and the response absolute."""
+    """Return the message that a drive is a base's acceleration and the response absolute."""
     return FaultText(
         "At its resonance the response moves against the input, as a structure on a moving base "
         f"does: the gain is {gain:.3g} /kg.",
@@ -37,7 +37,7 @@ def other_size(ratio: float) -> FaultText:
 
 
 def other_sign(source: str, test: str = "") -> FaultText:
-    """Return the message for a repeat or a test whose response over drive has the wrong sign."""
+    """Return the message that the response of a repeat or test has the wrong sign."""
     where, others, apart = _compared(test)
     return FaultText(
         f"The ratio of response to drive{where} has the opposite sign to that of {others}.",
@@ -48,7 +48,7 @@ def other_sign(source: str, test: str = "") -> FaultText:
 
 
 def other_gain(ratio: float, scale: float, source: str, unit: str, test: str = "") -> FaultText:
-    """Return the message for a repeat or a test of another gain, and the unit that explains it.
+    """Return the message that the gain of a repeat or test differs, with the likely unit.
 
     `scale` is the factor to paste: that of the unit, or the measured ratio.
     """
@@ -65,7 +65,7 @@ def other_gain(ratio: float, scale: float, source: str, unit: str, test: str = "
 
 
 def _compared(test: str) -> tuple[str, str, str]:
-    """Return where a ratio differs, from which ratios, and the remedy to separate a repeat."""
+    """Return words for where a gain differs and from what, and a remedy that separates a repeat."""
     if test:
         return f" in {test}", "the other tests", ""
     return "", "most repeats", "Give this record a separate [[test]]. "

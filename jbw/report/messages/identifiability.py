@@ -1,4 +1,4 @@
-"""Findings on the question: do the data identify the parameters?"""
+"""Findings that answer the question whether the data identify the parameters."""
 
 from jbw.report.messages.message import Message, capital
 
@@ -63,8 +63,8 @@ MESSAGES = (
             f"{'Joint' if len(joints) == 1 else 'Joints'} {', '.join(joints)} "
             f"{'is' if len(joints) == 1 else 'are'} not identified separately: the effect of "
             f"{'this joint' if len(joints) == 1 else 'each'} on frequency and damping is uncertain "
-            "by a factor of two or more (it need not be small). The effect of all joints together "
-            "on each mode is identified."
+            "by a factor of two or more (a large effect is possible). The effect of all joints "
+            "together on each mode is identified."
         ),
         """
         Check: for each of several joints, the change of frequency and the damping due to this
@@ -97,7 +97,7 @@ MESSAGES = (
         Remedy: report the combination; or add a test at higher amplitude, which `jbw plan DIR`
         chooses. `jbw identifiability CAMPAIGN.toml` shows all this before any sampling.
         """,
-        # No remedy states the posterior's interval: as a prior it would count the data twice.
+        # No remedy states the posterior's interval: as a prior, it would count the data twice.
         remedy="Report the combination, or add tests at higher amplitude (jbw plan). If you know "
         "{name} from another source, state its range under [identify.prior] instead of the "
         "present bounds, {low:.3g} to {high:.3g}.",

@@ -1,4 +1,4 @@
-"""The messages on identified quantities: directions, parameter grades, ties, profiles, starts."""
+"""Messages on how well quantities are identified: combinations, grades, profiles, starts."""
 
 from collections.abc import Mapping, Sequence
 
@@ -18,7 +18,7 @@ ONE_START = "The fit was started from one point, and its result explains the dat
 
 
 def directions(learnt: int, total: int) -> str:
-    """Return the sentence on how many parameter directions the data constrain beyond the prior."""
+    """Return the sentence on how many combinations of parameters the data constrain."""
     return (
         f"The data constrain {learnt} of {total} combinations of the parameters more tightly than "
         "the prior does."
@@ -26,17 +26,17 @@ def directions(learnt: int, total: int) -> str:
 
 
 def grade(kind: str, parameters: Sequence[str]) -> str:
-    """Return the message on the parameters of one grade, each with its error."""
+    """Return the sentence on the parameters of one grade of accuracy, each with its error."""
     return GRADES[kind].format(listed(parameters))
 
 
 def with_error(name: str, value: float, sd: float, ratio: float) -> str:
-    """Return a parameter with its coefficient of variation, or its error if that is above 1."""
+    """Return a parameter with its coefficient of variation, or with its error if that exceeds 1."""
     return f"{name} ({percent(ratio) if ratio < 1 else f'{value:.2g} +- {sd:.2g}'})"
 
 
 def tie(product: str, times: float) -> str:
-    """Return the message that a product is better identified than its factors."""
+    """Return the sentence that a product of parameters is better identified than its factors."""
     size = f"{times:.0f}" if times >= 10 else f"{times:.2g}"
     return (
         f"{product} is {size} times more certain than each of its factors, because errors of the "
@@ -57,7 +57,7 @@ def determined(combinations: Sequence[str], *, logs: bool) -> str:
 
 
 def follows_bound(name: str, shift: float, bound: str) -> str:
-    """Return a parameter with the shift of its mean due to a bound, in standard deviations."""
+    """Return a parameter with the shift of its mean by a prior bound, in standard deviations."""
     size = (
         "further than any posterior draw"
         if shift == float("inf")
@@ -67,7 +67,7 @@ def follows_bound(name: str, shift: float, bound: str) -> str:
 
 
 def box_sensitivity(moves: Sequence[str]) -> str:
-    """Return the message on posterior means that depend on the prior bounds, if any."""
+    """Return the sentence on posterior means that depend on prior bounds, if there are any."""
     if not moves:
         return STABLE
     return (
@@ -78,12 +78,12 @@ def box_sensitivity(moves: Sequence[str]) -> str:
 
 
 def profile_interval(name: str, ends: Sequence[str]) -> str:
-    """Return the message on both ends of the interval of a profile."""
+    """Return the sentence on a parameter's profile interval with both ends."""
     return f"The 99 % interval of {name} by its profile likelihood is {' to '.join(ends)}."
 
 
 def profile_limit(name: str, limit: float, side: str) -> str:
-    """Return the message on the one end that a profile interval has, "above" or "below"."""
+    """Return the sentence on a profile interval with one end, "above" or "below" a value."""
     other = "below" if side == "above" else "above"
     return (
         f"The profile likelihood limits {name} from {side}, at {limit:.5g} (99 %), but not from "
@@ -92,7 +92,7 @@ def profile_limit(name: str, limit: float, side: str) -> str:
 
 
 def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: bool) -> str:
-    """Return the message that the profile interval of a parameter has no end within the prior."""
+    """Return the sentence that a parameter's profile interval has no end within the prior."""
     shape = "flat" if flat else "open on both sides"
     low, high = bounds
     return (
@@ -102,7 +102,7 @@ def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: b
 
 
 def profile_refused(name: str, count: int) -> str:
-    """Return the message on the points of a profile at which the model could not be solved."""
+    """Return the sentence on points of a profile at which the model could not be solved."""
     points = "1 point" if count == 1 else f"{count} points"
     return (
         f"The profile likelihood of {name} lacks {points}, at which the model could not be solved."
@@ -110,7 +110,7 @@ def profile_refused(name: str, count: int) -> str:
 
 
 def better_fit(gain: float) -> str:
-    """Return the message that a profile found a better fit than the fit had."""
+    """Return the sentence that a profile found a better optimum than the fit."""
     return (
         "The fit had not converged: the profile likelihoods contain a better fit, whose "
         f"chi-square is lower by {gain:.3g}."
@@ -118,7 +118,7 @@ def better_fit(gain: float) -> str:
 
 
 def waterfall(total: int, near: int) -> str:
-    """Return the message on the number of starts of the fit that reached the optimum."""
+    """Return the sentence on how many starts of the fit reached the optimum."""
     if total == 1:
         return ONE_START
     if near == 1:
@@ -147,8 +147,7 @@ COLUMNS: Mapping[str, str] = {
     "relative": "standard deviation over value, from the fit",
     "ratio": "posterior standard deviation / that of the prior, from the fit",
     "contraction": (
-        "1 minus the posterior variance over the prior variance, in logarithms of positive "
-        "parameters"
+        "1 minus posterior variance / prior variance, in logarithms of positive parameters"
     ),
     "shift": (
         "largest move of the mean when a tenth of the prior's range is cut off, in posterior "
@@ -161,7 +160,7 @@ COLUMNS: Mapping[str, str] = {
 """Variables of the group `identifiability` of posterior.nc."""
 
 CONTRACTION = (
-    "1 minus the posterior variance over the prior variance, in logarithms of positive "
+    "1 minus posterior variance / prior variance, in logarithms of positive "
     "parameters; 100 %: identified by the data, 0 %: unchanged from the prior"
 )
 FOLLOWS = (

@@ -1,4 +1,4 @@
-"""Shakers that are attached, and the stated errors of clocks and sensors."""
+"""Messages on attached shakers, and on stated errors of clocks and sensors."""
 
 from collections.abc import Sequence
 
@@ -20,7 +20,7 @@ BESIDE_MATRICES = (
 
 
 def with_shaker(drive: str) -> str:
-    """Return the message that omega_n and zeta include the armature of the shaker."""
+    """Return the sentence that omega_n and zeta are those with the shaker's armature attached."""
     return (
         f"Every test is driven by {drive}, so that omega_n and zeta are those of the structure "
         "together with the armature of its shaker."
@@ -28,7 +28,7 @@ def with_shaker(drive: str) -> str:
 
 
 def mode_with_shaker(drive: str, loaded: str, unloaded: str) -> str:
-    """Return the message on frequency and damping with a shaker and without."""
+    """Return the sentence on frequency and damping with a shaker and without."""
     return (
         f"With the shaker, driven by {drive}, the mode has {loaded}; without the shaker it has "
         f"{unloaded}."
@@ -36,7 +36,7 @@ def mode_with_shaker(drive: str, loaded: str, unloaded: str) -> str:
 
 
 def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -> str:
-    """Return the message on a shaker's attachment: its prediction and its added modal mass."""
+    """Return the sentence on how a shaker's attachment changes the mode, and its added mass."""
     doubled = (
         " (doubled, because the drive point is measured by the response channel)"
         if at_drive_point
@@ -60,7 +60,7 @@ def heavy(limit: float) -> str:
 
 
 def mode_moves(before: tuple[float, float], after: tuple[float, float]) -> str:
-    """Return frequency [Hz] and damping ratio of a mode without and with a shaker."""
+    """Return frequency [Hz] and damping ratio of a mode, without and with a shaker, as text."""
     modes = (f"{hz:.4g} Hz ({percent(zeta, '.2f')})" for hz, zeta in (before, after))
     return " to ".join(modes)
 
@@ -72,7 +72,7 @@ def shaker_reading(
     residual: tuple[float, float],
     moved: str,
 ) -> str:
-    """Return the message on the identified shaker.
+    """Return the sentence on an identified shaker: gain, delay and attachment.
 
     Its gain [N/V], the attachment's mass [kg], damping [N s/m] and stiffness [N/m], the residual
     of the force with and without the attachment, and how the modes move.
@@ -93,7 +93,7 @@ def of_clock(error: float) -> str:
 
 
 def included(errors: Sequence[str], missing: Sequence[str]) -> str:
-    """Return the sentence on stated errors that intervals include, and errors not stated."""
+    """Return the sentence on which instrument errors the intervals include."""
     listed = ", ".join(errors) or "none"
     not_stated = f"; not stated: {', '.join(missing)}" if missing else ""
     return (

@@ -1,4 +1,4 @@
-"""Warnings of the parameters of a joint and of their prior, without values or units of a test."""
+"""Warnings about the parameters of a joint and their prior."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +10,7 @@ SAME_CURVES = "every motion depends only on the sum of the virgin curves of all 
 SAME_EXPONENT = "with an exponent of 1 the two laws are the same"
 EVEN_SQUARE = "`square` is a spring whose force is even in the displacement"
 
-# What a record that stays below a threshold of a law leaves undetermined.
+# what records below a threshold of a law leave undetermined
 BEHIND_GAP = "the parameters that act once the gap closes"
 STUCK_SLIDER = "its stiffness (the data determine only its sum with other stuck sliders)"
 
@@ -31,7 +31,7 @@ def no_bounds(names: Sequence[str]) -> str:
     return f"`prior` must bound every parameter of `table`, but has no {', '.join(names)}."
 
 
-# What a method of a law from outside must agree with.
+# what a method of an externally defined law must agree with
 A_SCALAR = "a scalar; its number of axes must be"
 SMOOTH_AT_REST = "differentiable at rest, for example with the slope"
 INTEGRAL_OF_RATE = "the integral of `rate`; the force [N/kg] must be"
@@ -51,7 +51,7 @@ def law_disagrees(method: str, found: Any, what: str, right: Any) -> str:
 
 
 def law_fails(method: str, reason: str) -> str:
-    """Return the message that a law raises an error while it is tested, after a method."""
+    """Return the message that testing a law raised an error in a method."""
     return f"it cannot be tested further after `{method}`: {reason}"
 
 
@@ -60,12 +60,12 @@ def _number(value: Any) -> str:
 
 
 def unloads_beyond(z: float) -> str:
-    """Return the message that unloading begins where the hysteretic force z grows [1]."""
+    """Return the clause on the |z| at which unloading starts, above alpha / (delta - gamma)."""
     return f"unloading starts at |z| = {z:g}, above alpha/(delta - gamma)"
 
 
 def unbounded(reason: str, parameters: Mapping[str, Any], remedy: str) -> str:
-    """Return the message that the hysteretic force is unbounded, and why."""
+    """Return the message that the hysteretic force is unbounded, with the reason."""
     return f"The hysteretic force is unbounded: {reason} ({_stated(parameters)}). {remedy}"
 
 
@@ -85,7 +85,7 @@ def _stated(parameters: Mapping[str, Any]) -> str:
 
 
 def prior_unbounded(lowest: float) -> str:
-    """Return the message that a prior admits gamma + delta below zero [1/m]."""
+    """Return the message that a prior allows gamma + delta below zero [1/m]."""
     return (
         f"The prior lets gamma + delta fall to {lowest:.4g} 1/m, where the hysteretic force "
         "grows without bound; draws that diverge count as failed solutions. Raise the lower bound "
@@ -94,16 +94,16 @@ def prior_unbounded(lowest: float) -> str:
 
 
 def prior_beyond_motion(name: str, least: float, most: float, y_peak: float) -> str:
-    """Return the message that a prior admits gaps wider than the largest motion [m]."""
+    """Return the message that a prior allows gaps wider than the largest motion [m]."""
     what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
     return (
         f"The prior of {name} {what} m, but the largest motion is {y_peak:.3g} m: a gap wider than "
-        "this never closes, and the joint behind it never acts. Lower the bound, or drive harder."
+        "this never closes, and its parameters have no effect. Lower the bound, or drive harder."
     )
 
 
 def no_known_force(parameter: str, law: str, must: str, value: float) -> str:
-    """Return the message for a parameter below the least value for which the law has a force."""
+    """Return the message that a parameter is too small for the force of the law to be defined."""
     return (
         f"Parameter `{parameter}` of `{law}` must be {must}, but it is "
         f"{value:g}, where the law has no force."
@@ -127,7 +127,7 @@ def modes_explained(
 
 
 def indistinguishable(laws: Sequence[str], why: str) -> str:
-    """Return the message that no motion tells two laws apart."""
+    """Return the message that no motion can distinguish two laws."""
     return (
         f"The laws {' and '.join(f'`{name}`' for name in laws)} cannot be distinguished: "
         f"{why}. Keep one of them."
@@ -135,7 +135,7 @@ def indistinguishable(laws: Sequence[str], why: str) -> str:
 
 
 def joints_stiffer(largest: float) -> str:
-    """Return the message that several joints are stiffer than the structure."""
+    """Return the message that several joints together are stiffer than the structure."""
     return (
         "The joints are stiffer than the structure: no eigenvalue of k_j sum(h p / omega_n^2) "
         f"must exceed 1, but one is {largest:.4g}. Once the joints slip, no stiffness remains "
@@ -153,5 +153,5 @@ def step_of_mode(hz: float, angle: float, fs: float, substeps: int) -> str:
 
 
 def put_substeps(substeps: int) -> str:
-    """Return the message with the number of substeps that resolves the highest mode."""
+    """Return the remedy with the number of substeps that resolves the highest mode."""
     return f"Put `substeps={substeps}`, sample the input faster, or leave the highest mode out."

@@ -1,21 +1,21 @@
-"""The messages on a comparison of laws: the best law, the laws distinguished from it, and why."""
+"""Messages on a comparison of laws: the best law, which laws differ from it, and why."""
 
 from collections.abc import Mapping, Sequence
 
 from jbw.report.messages.message import listed, percent
 
-# How several modes may be that share no joint, behind the names of the laws.
+# how several modes without a shared joint are modelled, to follow the names of the laws
 OF_EACH_MODE = " of each mode"
 IN_FIRST_MODE = " in the first mode"
 
 
 def trying(law: str) -> str:
-    """Return the message that a law is fitted because the campaign states none."""
+    """Return the progress message that a law is fitted because the campaign states none."""
     return f"The campaign states no law: fitting {law}"
 
 
 def chosen_by_fits(law: str, errors: Mapping[str, float], *, is_white: bool) -> str:
-    """Return the message on the law that is chosen if the campaign states none.
+    """Return the sentence on the law that was chosen because the campaign states none.
 
     Args:
         law: The chosen law.
@@ -32,13 +32,13 @@ def chosen_by_fits(law: str, errors: Mapping[str, float], *, is_white: bool) -> 
     )
 
 
-EVERY, NONE, NEITHER = "every law", "no law", "neither"  # what was tried at one joint alone
+EVERY, NONE, NEITHER = "every law", "no law", "neither"  # laws that were tried at one joint only
 
 
 def tried_at_joints(
     alike: Sequence[str], own: Sequence[str], num_changed: int, which: str, most: int
 ) -> str:
-    """Return the message on which laws were tried where there are several joints."""
+    """Return the sentence on which laws were tried if there are several joints."""
     sentences = [f"Compared laws, each at all joints: {', '.join(alike)}."] if alike else []
     sentences += [f"Compared laws, as the campaign states them: {', '.join(own)}."] if own else []
     changed = f"In addition {num_changed} combinations were compared, each with"
@@ -54,12 +54,12 @@ def tried_at_joints(
 
 
 def best_by_predictions(law: str, num_sessions: int) -> str:
-    """Return the message on the best law by its predictions of held-out sessions."""
+    """Return the sentence on the law that best predicts held-out sessions."""
     return f"Best law: {law}; it predicts {num_sessions} held-out sessions best."
 
 
 def best_by_evidence(law: str, num_sessions: int, needed: int) -> str:
-    """Return the message on the best law if the sessions are too few to compare predictions."""
+    """Return the sentence on the best law by evidence, if there are too few sessions."""
     there_are = f"there are {num_sessions}" if num_sessions != 1 else "there is 1"
     return (
         f"Best law: {law}, by the evidence alone, which depends on the priors. A comparison of "
@@ -68,7 +68,7 @@ def best_by_evidence(law: str, num_sessions: int, needed: int) -> str:
 
 
 def equivalent(laws: Sequence[str]) -> str:
-    """Return the message on laws that the data do not distinguish from the best."""
+    """Return the sentence on laws that the data do not distinguish from the best law."""
     return f"Laws that the data do not distinguish from the best law: {', '.join(laws)}."
 
 
@@ -82,7 +82,7 @@ _TARGETS = {
 def predicted_by(
     target: str, names: Sequence[str], error: float, best: str, of_best: float | None
 ) -> str:
-    """Return the message on which laws predict a target that the best law does not predict best."""
+    """Return the sentence on laws that predict something better than the best law does."""
     tests, score = _TARGETS[target]
     comparison = "" if of_best is None else f", that of {best} {percent(of_best)}"
     return (
@@ -92,7 +92,7 @@ def predicted_by(
 
 
 def worse(laws: Sequence[str]) -> str:
-    """Return the message on laws that the data distinguish from the best."""
+    """Return the sentence on laws that the data show to be worse than the best law."""
     return f"Laws that are significantly worse than the best law: {', '.join(laws)}."
 
 
@@ -106,7 +106,7 @@ def by_fit_alone(law: str, error: float, best: str, least_error: float, behind: 
 
 
 def not_judged(laws: Sequence[str], best: str, khat: float) -> str:
-    """Return the message on laws whose scores are unreliable."""
+    """Return the sentence on laws whose scores are unreliable."""
     return (
         f"Laws that are not judged: {', '.join(laws)}, because the score of each, or that of "
         f"{best}, is unreliable (k-hat above {khat:g}). Draw more samples, or narrow the "
@@ -124,7 +124,7 @@ def against_repeats(law: str, error: float, floor: float, *, near: bool) -> str:
 
 
 def linear_by_session(error: float, least: float, most: float) -> str:
-    """Return the message on the error of linear oscillators, one for each session."""
+    """Return the sentence on the error of linear oscillators, one for each session."""
     return (
         f"RMS error of a linear oscillator fitted to each session: {percent(error)} ("
         f"{percent(least)} to {percent(most)})."
@@ -132,22 +132,22 @@ def linear_by_session(error: float, least: float, most: float) -> str:
 
 
 def of_law(law: str, sentence: str) -> str:
-    """Return a sentence about the fit of one law."""
+    """Return a sentence about the fit of one law, beginning with the law's name."""
     return f"{law}: {sentence}"
 
 
 def at_bound(law: str, parameters: Sequence[str]) -> str:
-    """Return the message on parameters of a law that a prior bound truncates."""
+    """Return the sentence on a law's parameters that a prior bound truncates."""
     return f"{law}: a prior bound truncates {', '.join(parameters)}."
 
 
 def unreliable_scores(laws: Sequence[str], khat: float) -> str:
-    """Return the message on laws whose scores of held-out sessions rest on few draws."""
+    """Return the sentence on laws whose scores of held-out sessions depend on few draws."""
     return f"Held-out scores of {', '.join(laws)} are unreliable (k-hat above {khat:g})."
 
 
 def unreliable_evidence(laws: Sequence[str], khat: float) -> str:
-    """Return the message on laws whose evidence rests on few draws."""
+    """Return the sentence on laws whose evidence depends on few draws."""
     return f"The evidence of {', '.join(laws)} is unreliable (k-hat above {khat:g})."
 
 
@@ -158,17 +158,17 @@ def best_within(law: str, error: float) -> str:
 
 
 def best_beyond(law: str, error: float) -> str:
-    """Return the message on the law that best predicts tests beyond the fitted motion."""
+    """Return the sentence on the law that best predicts tests beyond the fitted motion."""
     return f"Tests beyond the fitted motion: {law} predicts best (RMS error {percent(error)})."
 
 
 def best_across(law: str, kind: str, error: float) -> str:
-    """Return the message on the law that predicts a kind of test best from the other kinds."""
+    """Return the sentence on the law that best predicts a kind of test from other kinds."""
     return f"{law} predicts {kind} best from the other kinds of test (RMS error {percent(error)})."
 
 
 def moved(name: str, without: tuple[float, float], with_: tuple[float, float]) -> str:
-    """Return the text on a parameter and its error, without and with offsets of the sessions."""
+    """Return a parameter with its error, without and with offsets of the sessions, as text."""
     return (
         f"{name} {without[0]:.3g} +- {without[1]:.1g} (with offsets {with_[0]:.3g} +- "
         f"{with_[1]:.1g})"
@@ -179,7 +179,7 @@ def without_offsets(
     law: str, error: float, with_offsets: float, parameters: Sequence[str], least: str,
     least_error: float,
 ) -> str:  # fmt: skip
-    """Return the sentence on the best law if all sessions shared natural frequency and damping."""
+    """Return the sentence on the best law if all sessions had the same frequency and damping."""
     other = (
         "no law would have a smaller error"
         if least == law
@@ -193,7 +193,7 @@ def without_offsets(
 
 
 def wider_priors(changes: Mapping[str, float]) -> str:
-    """Return the message on how much the evidence depends on the priors."""
+    """Return the sentence on how much the evidence depends on the width of the priors."""
     shown = ", ".join(f"{law} {change:+.1f}" for law, change in changes.items())
     return (
         "If the priors of the laws' parameters are made twice as wide, the log evidence "
@@ -203,7 +203,7 @@ def wider_priors(changes: Mapping[str, float]) -> str:
 
 
 def no_wider_evidence(laws: Sequence[str]) -> str:
-    """Return the message on laws whose evidence under wider priors could not be computed."""
+    """Return the sentence on laws whose evidence under wider priors could not be computed."""
     return f"With priors twice as wide, the evidence of {', '.join(laws)} could not be computed."
 
 
@@ -213,7 +213,7 @@ def heading(count: int) -> str:
 
 
 def not_distinguished(laws: Sequence[str]) -> str:
-    """Return the message that ends the page's first sentence: equivalent laws."""
+    """Return the clause that names the laws equivalent to the best law."""
     return f", but the data do not distinguish this law from {', '.join(laws)}"
 
 
@@ -248,4 +248,4 @@ RESIDUAL_ALONG = "residual of each law along "
 POSITION_AXIS = "position in the record (0: start, 1: end)"
 ERROR_OF_SESSIONS = "error of each session, predicted from the others"
 BAR_OF_LINEAR = "; bar: error of a linear oscillator that is fitted to the session"
-ERROR_AXIS = "RMS error over the rms of the record [%]"
+ERROR_AXIS = "RMS error / rms of the record [%]"

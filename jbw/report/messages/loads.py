@@ -1,4 +1,4 @@
-"""Predictions under other loads: what bands contain, how far a load reaches, units and names."""
+"""Messages on predictions under other loads: content of bands, extrapolation, units, names."""
 
 import re
 from collections.abc import Iterator
@@ -13,27 +13,27 @@ HERTZ, NUMBER, METRE = {"units": "Hz"}, {"units": "1"}, {"units": "m"}
 
 
 def sine(level: float, unit: str) -> str:
-    """Return the message on the load of a response curve."""
+    """Return the words for a sine load at a level."""
     return f"A sine of {level:g} {unit}"
 
 
 def limit(value: float, unit: str) -> str:
-    """Return the message on the load of a notch."""
+    """Return the words for a response that a notched sine keeps at a limit."""
     return f"A response held at {value:g} {unit}"
 
 
 def random(rms: float, unit: str) -> str:
-    """Return the message on the load of a random profile."""
+    """Return the words for a random load with its rms."""
     return f"A random profile of {rms:.3g} {unit} rms"
 
 
 def shock(unit: str, pulse: Any) -> str:
-    """Return the message on the load of a shock."""
+    """Return the words for a shock with its peak and duration."""
     return f"A shock of {max(abs(pulse.samples)):.3g} {unit} over {1e3 * pulse.duration:.3g} ms"
 
 
 def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: bool) -> Iterator[str]:
-    """Yield the warnings on a prediction under a load: extrapolation, and a missing band."""
+    """Yield warnings on a prediction under a load: extrapolation, or a missing band."""
     if reach > most:
         yield (
             f"{what} moves the joint by {y:.3g} m, {reach:.2g} times the largest fitted "
@@ -70,7 +70,7 @@ def units_of_random(unit: str, name: str) -> dict[str, dict[str, str]]:
         "rms": {"units": unit, "long_name": f"rms {name}"},
         "displacement": {**METRE, "long_name": "rms displacement"},
         "largest_displacement": {**METRE, "long_name": "largest displacement"},
-        "peak_factor": {**NUMBER, "long_name": "largest displacement over its rms"},
+        "peak_factor": {**NUMBER, "long_name": "largest displacement / its rms"},
         "frequency": {**HERTZ, "long_name": "rate of upward crossings of zero"},
         "damping": {**NUMBER, "long_name": "equivalent damping ratio"},
         "psd": {"units": f"({unit})^2/Hz", "long_name": f"spectral density of the {name}"},
@@ -91,7 +91,7 @@ def no_quantity(text: str) -> str:
 
 
 def bare_level(unit: str) -> str:
-    """Return the message that the level of a planned test has a unit."""
+    """Return the message that the level of a planned test must not have a unit."""
     return (
         "State --level of a sweep, of steps or of a tone in the unit of the run's source, "
         f"not in {unit}."
@@ -101,7 +101,7 @@ def bare_level(unit: str) -> str:
 def contains(
     band: str, num_draws: int, drive: str, participation: float = 1.0, shape: float = 1.0, **_: Any
 ) -> str:  # fmt: skip
-    """Return the message on what the bands contain, and which participation a moving base has."""
+    """Return the sentence on what the bands contain, and on the participation of a moving base."""
     said = f"The 99 % bands contain {band} ({num_draws} draws)."
     if drive != "base":
         return said
@@ -117,7 +117,7 @@ def in_report(run: str) -> str:
 
 
 def earlier_posterior(run: str) -> str:
-    """Return the message for predictions that were made with an earlier posterior of the run."""
+    """Return the message that predictions were made with an earlier posterior of the run."""
     return (
         f"{run}/predictions contains predictions under other loads that were made with an "
         "earlier posterior of this run. Predict them again with `jbw predict`."

@@ -1,4 +1,4 @@
-"""The messages on records without a model of the joint: nonlinearity, its onset, scatter."""
+"""Messages on records without a model: nonlinearity, its onset, variation between repeats."""
 
 from collections.abc import Sequence
 from math import floor, log10
@@ -18,7 +18,7 @@ NOT_STATED = "Nonlinear: not assessed, because the errors of frequency and dampi
 
 
 def coherence(smallest: tuple[float, str], largest: tuple[float, str]) -> str:
-    """Return the sentence on the coherence at resonance for the smallest and the largest motion."""
+    """Return the sentence on the coherence at resonance, for the smallest and largest motion."""
     (first, first_test), (last, last_test) = smallest, largest
     return (
         f"Coherence at the resonance: {first:.3f} at the smallest motion ({first_test}), "
@@ -27,7 +27,7 @@ def coherence(smallest: tuple[float, str], largest: tuple[float, str]) -> str:
 
 
 def secant(first: float, last: float, change: float, unit: str = "mm") -> str:
-    """Return the sentence on the secant stiffness between two amplitudes [m], or [rad] in mrad."""
+    """Return the sentence on the secant stiffness at two amplitudes [m], or [rad] in mrad."""
     return (
         f"The secant stiffness changes by {percent(change)} from {1e3 * first:.3g} to "
         f"{1e3 * last:.3g} {unit}."
@@ -44,22 +44,22 @@ def worn(test: str, cycle: int, change: float) -> str:
 
 
 def not_read(tests: Sequence[str], why: str) -> str:
-    """Return the message on tests of which frequency and damping could not be read."""
+    """Return the sentence on tests whose frequency and damping could not be measured."""
     return f"Frequency and damping could not be determined in {', '.join(tests)}. {why}"
 
 
 def of_mode(hz: float, sentence: str) -> str:
-    """Return the message that a sentence is about one of several modes."""
+    """Return a sentence marked as one about a given mode of several."""
     return f"Mode near {hz:.4g} Hz: {sentence}"
 
 
 def reach(y: Sequence[float]) -> str:
-    """Return the text of the range of measured amplitudes [m]."""
+    """Return the range of measured amplitudes [m] as text."""
     return f"{1e3 * y[0]:.3g} to {1e3 * y[-1]:.3g} mm"
 
 
 def no_change(what: str, change: float, sd: float, unit: str) -> str:
-    """Return the message that a quantity does not change beyond its error."""
+    """Return the clause that a quantity changes by no more than its error."""
     return f"no change of the {what} is detected ({_with_error(change, sd)}{unit})"
 
 
@@ -74,25 +74,25 @@ def change(what: str, size: float, sd: float, power: Estimate | None, unit: str)
 
 
 def turning(what: str, y: float, value: float, change: float) -> str:
-    """Return the clause on the amplitude [m] where a quantity reverses, and its value there."""
+    """Return the clause on the amplitude [m] at which a quantity turns, and its value there."""
     first, then = ("falls", "rises") if change > 0 else ("rises", "falls")
     return f"the {what} {first} to {value:.4g} at {1e3 * y:.3g} mm, then {then}"
 
 
 def _with_error(value: float, sd: float) -> str:
-    """Return a share in per cent with its standard deviation, rounded to two digits of that."""
+    """Return a ratio in per cent with its standard deviation, rounded to two digits of that."""
     digits = max(0, 1 - floor(log10(100 * sd))) if sd > 0 else 3
     return f"{100 * value:.{digits}f} ± {100 * sd:.{digits}f} %"
 
 
 def nonlinear(answer: bool, y: Sequence[float], count: int, changes: Sequence[str]) -> str:
-    """Return the answer whether frequency or damping change with amplitude, with the changes."""
+    """Return the sentence on whether frequency or damping change with amplitude, with sizes."""
     word = "yes" if answer else "not detected"
     return f"Nonlinear: {word}. From {reach(y)} ({_records(count)}) {'; '.join(changes)}."
 
 
 def one_amplitude(y: float, count: int) -> str:
-    """Return the message that records at one amplitude cannot show a change."""
+    """Return the sentence that records at one amplitude cannot show a change."""
     return (
         f"Nonlinear: not assessed, because {_records(count)} at one amplitude ({1e3 * y:.3g} mm) "
         "cannot show a change with amplitude."
@@ -104,7 +104,7 @@ def _records(count: int) -> str:
 
 
 def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
-    """Return the sentence on differences of records at equal amplitude, and their likely cause."""
+    """Return the sentence on records that differ at equal amplitude, with the likely cause."""
     sizes = " and ".join(f"the {name} by {percent(size)}" for name, size in scatter)
     causes = {
         "order": "The difference grows with the order of the records: the joint relaxes, wears or "
@@ -129,7 +129,7 @@ def likely_laws(laws: Sequence[str]) -> str:
 def between_ends(
     y: Sequence[float], shift: float, half_widths: float, damping: tuple[float, float], kind: str,
 ) -> str:  # fmt: skip
-    """Return the message on the difference between the first and the last measured amplitude."""
+    """Return the sentence on the difference between the weakest and the strongest motion."""
     word = f"yes, it {kind}, if the records differ only in amplitude" if kind else "not detected"
     return (
         f"Nonlinear: {word}. From {reach(y)} ({len(y)} values, too few for an exponent) the "
@@ -140,7 +140,7 @@ def between_ends(
 
 
 def onset(y: float, *, is_linear: bool) -> str:
-    """Return the sentence on the amplitude [m] from which the change of frequency is certain."""
+    """Return the sentence on the amplitude [m] from which on a change is certain."""
     below = "; below it, the structure may be taken as linear" if is_linear else ""
     return (
         f"The change of the frequency is certain (99 %) above an amplitude of {1e3 * y:.3g} mm"
@@ -149,24 +149,24 @@ def onset(y: float, *, is_linear: bool) -> str:
 
 
 def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str:
-    """Return the sentence on standard deviations within and between sessions at one level."""
+    """Return the sentence on how frequency and damping vary within and between sessions."""
     parts = (f"{name} {percent(a)} within them, {percent(b)} between them" for name, a, b in rows)
     return (
         f"Standard deviations in {count} sessions or assemblies at one level: {'; '.join(parts)}."
     )
 
 
-# Sentences on one test, printed after its name.
+# sentences on one test, printed after its name
 def not_assessed(reason: str) -> str:
     """Return the reason why a test's repeats, harmonics or noise are not assessed."""
     return f"not assessed: {reason}"
 
 
 def repeats(count: int, scatter: float, floor: float, how: str) -> str:
-    """Return the message on how far repeats scatter, as shares of the response, and `how`."""
+    """Return the sentence on how much repeats vary relative to the response, ending with `how`."""
     return (
-        f"{count} repeats vary by {of_response(scatter)} of the response, {how}; their mean "
-        f"cannot show effects that are smaller than {of_response(floor)} of the response."
+        f"{count} repeats vary by {of_response(scatter)} of the response, {how}; the mean of the "
+        f"repeats cannot show effects that are smaller than {of_response(floor)} of the response."
     )
 
 
@@ -182,12 +182,12 @@ def more_than_noise(noise: float, p: float, size: float) -> str:
 
 
 def harmonic(order: str, share: float, hz: float) -> str:
-    """Return the message on the largest harmonic of an order along a sweep."""
+    """Return the clause on the largest harmonic of one order during a sweep."""
     return f"the {order} {of_response(share)} at {hz:.4g} Hz"
 
 
 def harmonics(listed: Sequence[str], residual: float) -> str:
-    """Return the sentence on harmonics of a sweep over the largest response, and the residual."""
+    """Return the sentence on a sweep's harmonics, relative to the largest response, and noise."""
     if not listed:
         return (
             f"no harmonic exceeds the residual of the fit, {of_response(residual)} of the response."
@@ -208,7 +208,7 @@ def distortion(noise: float, nonlinear_share: float, num_realisations: int) -> s
 
 
 def noise_of_periods(noise: float, num_periods: int) -> str:
-    """Return the message on noise, estimated from the variation between periods."""
+    """Return the sentence on noise, estimated from the variation between periods."""
     return f"noise is {of_response(noise)} of the response's mean over {num_periods} periods."
 
 
@@ -230,5 +230,5 @@ def coherence_of_noise(hz: float, coherence_mean: float) -> str:
 
 
 def of_response(share: float) -> str:
-    """Return a share of the response in per cent, with two decimals."""
+    """Return a ratio to the response in per cent, with two decimals."""
     return f"{100 * share:.2f} %"

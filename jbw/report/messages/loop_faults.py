@@ -15,7 +15,7 @@ def degrading(amplitude: float, number: int, change: float, keep: str, *, falls:
 
 
 def lopsided(ratio: float, *, positive: bool) -> FaultText:
-    """Return the message that a joint's force is larger on one side."""
+    """Return the message that a joint's force is larger in one direction."""
     return FaultText(
         f"The force of the joint is {ratio:.2g} times as large on the "
         f"{'positive' if positive else 'negative'} side as on the other side.",
@@ -26,7 +26,7 @@ def lopsided(ratio: float, *, positive: bool) -> FaultText:
 
 
 def off_centre(offset: float, drift: float) -> FaultText:
-    """Return the message on the offset and drift of a force, over its half range."""
+    """Return the message on offset and drift of a measured force, relative to half its range."""
     return FaultText(
         f"The force begins {percent(offset, '.1f')} of its half range away from zero and moves by "
         f"{percent(drift, '.1f')} of it along the record.",
@@ -36,7 +36,7 @@ def off_centre(offset: float, drift: float) -> FaultText:
 
 
 def late(lag: float, delay: float) -> FaultText:
-    """Return the message that the force lags the displacement [s], and the delay to state [s]."""
+    """Return the message that the force lags the displacement [s], and the delay to state."""
     return FaultText(
         f"The force lags the displacement by {lag:.3g} s.",
         "This lag makes the loop narrower, by an energy that no law of a joint describes.",
@@ -45,7 +45,7 @@ def late(lag: float, delay: float) -> FaultText:
 
 
 def high_passed(time_constant: float) -> FaultText:
-    """Return the message on the time constant of a charge amplifier before a force [s]."""
+    """Return the message on the time constant of a charge amplifier for the force [s]."""
     return FaultText(
         f"The force falls back to zero with a time constant of {time_constant:.3g} s, as a "
         "high-pass filter of a charge amplifier causes it.",
@@ -56,7 +56,7 @@ def high_passed(time_constant: float) -> FaultText:
 
 
 def slipped(size: float, at_s: float, keep: str) -> FaultText:
-    """Return the message for a jump of displacement [m] at a time [s], and its remedy."""
+    """Return the message on a jump of the measured displacement [m] at a time [s]."""
     return FaultText(
         f"The displacement jumps by {size:.3g} m at {at_s:.5g} s while the force does not.",
         "The displacement gauge slipped; the joint did not move.",
@@ -65,7 +65,7 @@ def slipped(size: float, at_s: float, keep: str) -> FaultText:
 
 
 def free_travel(gap: float, amplitude: float, laws: str) -> FaultText:
-    """Return the message on free travel and amplitude of a joint [m], and laws with a gap."""
+    """Return the message on a joint's free travel and amplitude [m], and laws with a gap."""
     return FaultText(
         f"The joint moves freely over {2e3 * gap:.3g} mm, at an amplitude of "
         f"{1e3 * amplitude:.3g} mm, and is stiff beyond that: it has a gap between two contacts.",

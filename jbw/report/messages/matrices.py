@@ -1,4 +1,4 @@
-"""Matrices of a model, and the modes that they are reduced to."""
+"""Messages on matrices of a model, and on the modes to which they are reduced."""
 
 from collections.abc import Mapping, Sequence
 
@@ -8,7 +8,7 @@ ROWS_OF_DOFS = "Write a line `row,node,direction` for each row of the matrices, 
 
 
 def no_direction(node: str, direction: str, directions: Sequence[str]) -> tuple[str, str]:
-    """Return the message on a direction that a node lacks, and those that it has."""
+    """Return the message that a node lacks a direction, with the directions that it has."""
     return (
         f"node {node} has no direction `{direction}`",
         f"Node {node} has the directions {', '.join(directions)}.",
@@ -16,12 +16,12 @@ def no_direction(node: str, direction: str, directions: Sequence[str]) -> tuple[
 
 
 def no_node(node: str, nearest: Sequence[str]) -> tuple[str, str]:
-    """Return the message on a node that a model lacks, and the nearest ones."""
+    """Return the message that a model lacks a node, with the nearest nodes."""
     return f"there is no node {node}", f"The nearest nodes are {', '.join(nearest)}."
 
 
 def fixed_dofs(limit: float, count: int) -> str:
-    """Return the note on the number of degrees of freedom that a large stiffness fixes."""
+    """Return the note on how many degrees of freedom are fixed by a very large stiffness."""
     return f"Degrees of freedom fixed by a stiffness above {limit:g}: {count}."
 
 
@@ -31,7 +31,7 @@ def shown(matrices: str, dofs: int, nodes: int) -> str:
 
 
 def asymmetric(name: str, error: float, first: str, second: str) -> str:
-    """Return the message on a matrix that is symmetric except for round-off in its file."""
+    """Return the message that a matrix is symmetric only to the round-off in its file."""
     return (
         f"Matrix {name} is symmetric only to {error:.1e} (at {first} and {second}); its "
         "symmetric part is used."
@@ -55,7 +55,7 @@ def coupled_damping(first: int, second: int, share: float) -> str:
 
 
 def dashpots(by_joint: Mapping[str, float]) -> str:
-    """Return the message on dashpots across joints that a damping matrix contains [N s/m]."""
+    """Return the message on dashpots across joints that the damping matrix contains [N s/m]."""
     dampings = ", ".join(f"{d:.4g} N s/m across {name}" for name, d in by_joint.items())
     return (
         "The damping matrix is a sum of terms proportional to mass and stiffness, and of "
@@ -65,7 +65,7 @@ def dashpots(by_joint: Mapping[str, float]) -> str:
 
 
 def damping_of_joints(note: str) -> str:
-    """Return a note with the advice to describe damping of joints by their laws."""
+    """Return the advice to describe the damping of joints by their laws."""
     return f"{note} Describe damping of the joints themselves by their laws."
 
 
@@ -75,7 +75,7 @@ def massless(count: int) -> str:
 
 
 def slowed(limit_hz: float, count: int, fastest: str) -> str:
-    """Return the note on residual modes whose frequency was lowered to a limit [Hz]."""
+    """Return the note on residual modes whose frequencies were lowered to a limit [Hz]."""
     return (
         f"Residual modes whose frequency was lowered to {limit_hz:.4g} Hz: {count}, the highest "
         f"from {fastest}; their static flexibility is kept."
@@ -85,7 +85,7 @@ def slowed(limit_hz: float, count: int, fastest: str) -> str:
 def inseparable(
     first: str, second: str, modes: str, numbers: str, angle: str, likeness: str
 ) -> str:
-    """Return the message on joints with nearly parallel columns of B."""
+    """Return the message on joints that the modes cannot distinguish (parallel columns of B)."""
     return (
         f"Joints `{first}` and `{second}` are not distinguished by {modes} {numbers}: their "
         f"columns of the matrix B are {angle} degrees apart ({likeness})."

@@ -1,4 +1,4 @@
-"""One entry of the catalogue, and how values are put into its sentences."""
+"""One entry of the catalogue, and the formatting of values in its sentences."""
 
 from collections.abc import Callable, Mapping, Sequence
 from inspect import cleandoc
@@ -41,7 +41,7 @@ class FaultText(NamedTuple):
 
 
 class _Words(Formatter):
-    """`str.format` with further formats: `.2g %` of a ratio, `list` and `and` of names."""
+    """Python's `str.format` with more formats: `.2g %` for ratios, `list` and `and` for names."""
 
     def format_field(self, value: Any, format_spec: str) -> Any:
         if format_spec == "list":
@@ -54,7 +54,7 @@ class _Words(Formatter):
 
 
 def written(template: Template, values: Mapping[str, Any]) -> str:
-    """Return a text of the catalogue with its values."""
+    """Fill the values into a text of the catalogue."""
     if callable(template):
         return template(**values)
     return _Words().vformat(template, (), values)
@@ -83,7 +83,7 @@ def listed(names: Any) -> str:
 
 
 def first_of(texts: Sequence[str], most: int = 4) -> str:
-    """Return the first of many texts and a count of the others: "a, b and 3 more"."""
+    """Return the first of many texts and the number of the others: "a, b and 3 more"."""
     more = f" and {len(texts) - most} more" if len(texts) > most else ""
     return f"{', '.join(texts[:most])}{more}"
 

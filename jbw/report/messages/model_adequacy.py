@@ -1,4 +1,4 @@
-"""Findings on the question: does the model follow the data?"""
+"""Findings that answer the question whether the model fits the data."""
 
 import math
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ def grade(
 def correlated(
     coloured: int, count: int, test: str, error: float, correlation: float, counted: float
 ) -> str:
-    """Return the sentence on correlated residuals, with the test that shows it most."""
+    """Return the sentence on correlated residuals, with the test in which it is strongest."""
     worst = f"lag-one autocorrelation {correlation:.2f}, RMS error {percent(error)}"
     if coloured == 0:
         return f"The residual of no test is correlated; the largest is that of {test}: {worst}."
@@ -62,11 +62,11 @@ def correlated(
 
 
 def repeatability(count: int, test: str, error: float, scatter: float) -> str:
-    """Return the sentence on a residual compared with the variation between repeats."""
+    """Return the sentence that compares the residual with the variation between repeats."""
     worst = "" if count == 1 else f" (the worst of {count} tests)"
     return (
         f"The residual of {test} is {percent(error)}, the standard deviation between its repeats "
-        f"{percent(scatter)}{worst}; the residual must not be larger than that."
+        f"{percent(scatter)}{worst}; the residual must not exceed this standard deviation."
     )
 
 
@@ -76,7 +76,7 @@ MESSAGES = (
         grade,
         """
         Check: how well the law predicts held-out tests up to 1.25 times the fitted amplitudes.
-        Errors are root mean squares over that of the test.
+        Errors are root mean squares, divided by that of the test.
 
         *Predictive*: the error of all these tests together is at most 5 % (or `predictive` of
         [identify]), the error of no test is more than twice as much, and the 99 % bands contain at
@@ -100,11 +100,11 @@ MESSAGES = (
         "Chi-square per degree of freedom is {ratio:.3g}; it must lie between {low:g} and "
         "{high:g}.",
         """
-        Check: the sum of squared residuals of the fit over its degrees of freedom, for groups
-        whose noise is estimated from repeats; between 0.2 and 5.
+        Check: the sum of squared residuals of the fit, divided by its degrees of freedom, for
+        groups whose noise is estimated from repeats; it must lie between 0.2 and 5.
 
-        Far above 1, the model does not follow the data to their noise. Far below 1, the repeats
-        are not independent measurements.
+        Far above 1, the residual of the model exceeds the noise. Far below 1, the repeats are not
+        independent measurements.
 
         Remedy: see coloured_residual; check that repeats are separate measurements.
         """,
@@ -114,8 +114,8 @@ MESSAGES = (
         "coloured_residual",
         correlated,
         """
-        Check: the lag-one autocorrelation of the residual; below 0.2, and below 3 / sqrt(n),
-        which white noise of n values exceeds by chance only.
+        Check: the lag-one autocorrelation of the residual; it must be below 0.2 or below 3 /
+        sqrt(n), which white noise of n values exceeds only by chance.
 
         White noise has no autocorrelation. A correlated residual shows a model discrepancy: of
         the joint's law, of a second mode, of a filter. The likelihood then counts an effective
@@ -203,11 +203,11 @@ MESSAGES = (
     ),
     Message(
         "leave_one_out",
-        "A fit without {test} changes {name} by {moves:.1f} standard deviations of such a change, "
-        "the largest change by any session; it must be below {limit:g}.",
+        "A fit without session {test} changes {name} by {moves:.1f} standard deviations of such a "
+        "change, more than a fit without any other session does; the limit is {limit:g}.",
         """
-        Check: the change of the fit without each session, in standard deviations of such a
-        change by chance; below 4.
+        Check: the change of the fit without each session, in standard deviations of such a change
+        by chance; it must be below 4.
 
         Sessions that need different parameters contradict each other: the joint depends on
         amplitude in another way than the model, or the structure changed between them.
@@ -237,8 +237,8 @@ MESSAGES = (
         A law with a small error needs other parameters at other amplitudes. The posterior of all
         records takes the law as exact and is too narrow; other records of the same structure lie
         outside it. The standard deviation between records is that of a random effect (Paule and
-        Mandel); an interval for records like these adds its square over their number. `jbw diff`
-        widens the intervals of both runs by it.
+        Mandel); an interval for records like these adds its square, divided by the number of
+        records. `jbw diff` widens the intervals of both runs by it.
 
         Remedy: quote the wider interval; compare laws by `jbw laws`; fit only records of similar
         amplitude.
@@ -254,8 +254,9 @@ MESSAGES = (
         "record's rms, that of the best {kind} oscillator {simpler:.2g %}; on every test the error "
         "of the law must be below {limit:g} times that of the oscillator.",
         """
-        Check: the error of every test against that of the best linear and (with `compare_with =
-        ["linear", "cubic"]`) cubic oscillator of the same tests; less than 1.1 times theirs.
+        Check: the error of every test, compared with that of the best linear and (with
+        `compare_with` = ["linear", "cubic"]) cubic oscillator of the same tests; it must be less
+        than 1.1 times the oscillator's error.
 
         If a simpler oscillator has a smaller error, the law of the joint explains nothing. A
         Bouc-Wen joint of negative delta mimics a cubic stiffness at the fitted amplitude, and
@@ -276,9 +277,9 @@ MESSAGES = (
         in the rest of the response.
 
         A law that is not quite right has another stiffness or damping than the joint at some
-        amplitudes. Bands of tests that were not fitted include this error of the law: within the
-        fitted amplitudes as large as the omitted runs show it; above them it grows with the
-        square of the amplitude and with the distance in its logarithm; below them it grows to
+        amplitudes. Bands of tests that were not fitted include this error of the law: Within the
+        fitted amplitudes this error is as large as the omitted runs show. Above them it grows with
+        the square of the amplitude and with the distance in its logarithm; below them it grows to
         three times as much at most. Where the errors do not exceed noise, the bands contain the
         uncertainty of the parameters and the noise alone. An error below 0.1 % of the response at
         resonance is in the bands and does not count against the law: sensors are not more linear
@@ -302,12 +303,12 @@ MESSAGES = (
     ),
     Message(
         "law_replaced",
-        "The bands with the model discrepancy are widest on {test}: their standard deviation over "
-        "the error of the best linear oscillator is {ratio:.3g}; it must be less than {limit:.3g}. "
-        "Wider bands come from the discrepancy, not from the law.",
+        "On {test} the standard deviation of the bands with the model discrepancy is {ratio:.3g} "
+        "times the error of the best linear oscillator, the largest ratio of all tests; it must "
+        "be less than {limit:.3g}. Wider bands come from the discrepancy, not from the law.",
         """
         Check: where the error of the law on runs that were left out exceeds noise, the standard
-        deviation of the bands of every held-out test over the error of the best linear
+        deviation of the bands of every held-out test, divided by the error of the best linear
         oscillator; less than 1, or 1.4 where the error of the joint is as large as that of the
         linear oscillator.
 
@@ -327,9 +328,9 @@ MESSAGES = (
         Check: the share of the values of every held-out test inside the 99 % band; at least 95
         %.
 
-        Where the error of the law on runs that are left out exceeds noise, the band of some tests
-        is withheld: of those that lie farther above the fitted amplitudes than the fitted
-        amplitudes lie apart. The message names these tests.
+        Where the error of the law on runs that are left out exceeds noise, the band of a test is
+        withheld if its amplitude lies farther above the fitted amplitudes than these lie apart. The
+        message names these tests.
 
         Remedy: see leave_one_out and coloured_residual. Beyond the fitted amplitudes the bands
         extrapolate; the report says how far. If a test has no band, fit a test of its level.
@@ -349,9 +350,9 @@ MESSAGES = (
         Check: whether the joint lowers the natural frequency, or adds damping alone, at the
         largest fitted displacement, by 99 % intervals.
 
-        Hysteresis that adds damping reduces the stiffness, so the frequency falls with
-        amplitude. Quadratic damping (drag, a fluid, a rough guide) adds damping in proportion to
-        the amplitude and does not change the frequency. A law of hysteresis then follows it with
+        Hysteresis that adds damping reduces the stiffness, so the frequency falls with amplitude.
+        Quadratic damping (drag, a fluid, a rough guide) adds damping in proportion to the amplitude
+        and does not change the frequency. A law of hysteresis then imitates such damping, with
         meaningless parameters and a wrong phase.
 
         Where the frequency falls by less than half of the damping ratio that the joint adds, the
@@ -387,13 +388,13 @@ def _fits(growth: float) -> str:
 
 
 def _others(scatters: Sequence[tuple[str, float]]) -> str:
-    """Return the standard deviations of more quantities between records, in brackets."""
+    """Return the standard deviations of other quantities between records, in brackets."""
     listed = ", ".join(f"{name} by {percent(scatter)}" for name, scatter in scatters)
     return f" ({listed})" if scatters else ""
 
 
 def _change(quantiles: Sequence[float]) -> str:
-    """Return the message on a relative change with its interval, in per cent."""
+    """Return a relative change with its interval, in per cent, as text."""
     low, middle, high = (f"{x:.0f}" if abs(x) >= 100 else f"{x:.2g}"
                          for x in (100 * value for value in quantiles))  # fmt: skip
     return f"{middle} % [{low}, {high}]"

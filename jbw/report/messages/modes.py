@@ -1,10 +1,10 @@
-"""The messages on several modes: shared joints, modes that are not seen or left the band."""
+"""Messages on several modes: shared joints, modes that are not visible or left the band."""
 
 from collections.abc import Sequence
 
 from jbw.report.messages.message import percent
 
-NOT_COMMON = "one common joint is rejected, provided that the separate laws follow the data"
+NOT_COMMON = "the data reject one common joint, provided that the separate laws describe the data"
 MAY_BE_COMMON = "the modes may share one joint"
 LOSS_SHARE = "share of the losses of all joints"
 ENERGY_AT_MOTION = "share of the mode's strain energy at that amplitude"
@@ -13,17 +13,17 @@ LOOP_FORCE = "force of the laws, for the posterior medians of their parameters"
 
 
 def growth_by_neighbours(growth: float) -> str:
-    """Return the clause on the growth of chi-square if the neighbouring modes are linear."""
+    """Return the clause on the growth of chi-square if neighbouring modes are linear."""
     return f"chi-square grows by {growth:.3g} if the other modes are linear"
 
 
 def one_joint(evidence: str, least: float) -> str:
-    """Return the message that modes share a joint, by chi-square and its limit."""
+    """Return the message that modes share a joint, with chi-square and its limit."""
     return f"The modes share one joint: {evidence} (growth by chance is at most {least:.3g})."
 
 
 def no_shared_joint(evidence: str) -> str:
-    """Return the message that nothing shows a shared joint."""
+    """Return the message that there is no sign of a shared joint."""
     return (
         f"The data do not show that the other modes move the joint: {evidence}. Drive harder, or "
         "leave these modes out of `modes`."
@@ -33,7 +33,7 @@ def no_shared_joint(evidence: str) -> str:
 def compared(
     name: str, first: float, other: float, hz: float, ratio: tuple[float, float], conclusion: str
 ) -> str:
-    """Return the sentence that compares a law's parameter in two modes, with their ratio."""
+    """Return the sentence that compares a law's parameter in two modes, with the ratio."""
     low, high = ratio
     return (
         f"{name} is {first:.3g} in the first mode and {other:.3g} in the mode at {hz:g} Hz (ratio "
@@ -67,7 +67,7 @@ def left_by_joint(hz: float, shared: float, other: float) -> str:
 
 
 def rejected(clauses: str) -> str:
-    """Return the message that free decays reject one joint for all modes."""
+    """Return the message that free decays contradict a shared joint for all modes."""
     return (
         f"The free decays reject one joint for all modes: {clauses}. Identify the modes one by "
         "one, each in its own band, or state other laws."
@@ -103,7 +103,7 @@ def damped_by(mode: int, joint: str, share: float, low: float, high: float) -> s
 
 
 def numbered(mode: int, hz: float) -> str:
-    """Return the message on a mode with its number and frequency, as a subject."""
+    """Return the name of a mode with its frequency, as the subject of a sentence."""
     return f"Mode {mode}, at {hz:.4g} Hz,"
 
 
@@ -115,7 +115,7 @@ LAWS_BY_MODEL = (
 
 
 def moved_by_factor(mode: int, joint: str, factor: float, low: float, high: float) -> str:
-    """Return the sentence on a joint's motion in a mode relative to that of the matrices (99 %)."""
+    """Return the sentence on a joint's motion in a mode, relative to the model (99 %)."""
     return (
         f"Mode {mode} moves {joint} {factor:.3g} [{low:.3g}, {high:.3g}] times as much as the "
         "matrices predict."
@@ -123,10 +123,10 @@ def moved_by_factor(mode: int, joint: str, factor: float, low: float, high: floa
 
 
 def identified(joints: str) -> str:
-    """Return the message on joints that are identified separately."""
+    """Return the sentence on joints that are identified separately."""
     return f"Joints that are identified separately: {joints}."
 
 
 def outside_band(hz: float, low: float, high: float) -> str:
-    """Return the message on a mode that a fit put outside the band [Hz]."""
+    """Return the message on a mode that a fit placed outside the band [Hz]."""
     return f"The fit moved a mode to {hz:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"

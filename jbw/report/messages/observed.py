@@ -1,4 +1,4 @@
-"""The messages on the fit of a kind of test: its mode, its residual, its scatter."""
+"""Messages on the fit to a kind of test: its mode, its residual, variation of records."""
 
 from jbw.report.messages.message import percent
 
@@ -6,7 +6,7 @@ COMPILING = "compile the simulation of sweeps"
 
 
 def with_shaker(drive: str, loaded: str, predicted: str, unloaded: str) -> str:
-    """Return the sentence on frequency and damping with a shaker (also predicted), and without."""
+    """Return the sentence on frequency and damping with a shaker, and as predicted without."""
     return (
         f"With the shaker, driven by {drive}, the mode has {loaded}; the properties of the shaker "
         f"predict {predicted}. Without the shaker it has {unloaded}."
@@ -14,7 +14,7 @@ def with_shaker(drive: str, loaded: str, predicted: str, unloaded: str) -> str:
 
 
 def frequencies_scatter(count: int, scatter: float) -> str:
-    """Return the sentence on the standard deviation of natural frequency between records [Hz]."""
+    """Return the sentence on how much natural frequencies vary between records [Hz]."""
     return (
         f"The natural frequencies of the {count} records vary by {scatter:.2g} Hz (standard "
         "deviation), which the interval of omega_n includes."
@@ -22,7 +22,7 @@ def frequencies_scatter(count: int, scatter: float) -> str:
 
 
 def correlated(share: float, count: int) -> str:
-    """Return the message on the share of values that count as independent."""
+    """Return the sentence on the fraction of residual values that count as independent."""
     return (
         f"The residuals are correlated; therefore only {percent(share, '.0f')} of the {count} "
         "values of a record count as independent."
@@ -30,9 +30,9 @@ def correlated(share: float, count: int) -> str:
 
 
 def left_of_motion(errors: str) -> str:
-    """Return the message on residuals by mode, over their rms."""
+    """Return the sentence on each mode's residual, relative to its motion."""
     return (
-        "RMS residual of the free decays at the optimum, relative to the rms of their motion: "
+        "RMS residual of the free decays at the best fit, divided by the rms of their motion: "
         f"{errors}."
     )
 

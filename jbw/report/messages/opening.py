@@ -1,4 +1,4 @@
-"""The opening messages of a run: effect of the joint, errors, identifiability, what to do next."""
+"""The opening sentences of a run: effect of the joint, errors, identifiability, next step."""
 
 from collections.abc import Sequence
 
@@ -51,12 +51,12 @@ STEPS = {
 
 
 def doubtful(doubt: str) -> str:
-    """Return the message on a doubt about the records."""
+    """Return the sentence on a doubt about the records."""
     return f"Doubtful: {doubt}"
 
 
 def split(fitted: Sequence[str], held_out: Sequence[str], *, some_repeats: bool) -> str:
-    """Return the message on what was fitted and what was held out, and how repeats were chosen."""
+    """Return the sentence on what was fitted and held out, and how repeats were chosen."""
     said = f"Fitted: {_some(fitted)}. Held out: {_some(held_out) if held_out else 'nothing'}."
     return f"{said} {SPREAD}" if some_repeats else said
 
@@ -72,18 +72,18 @@ def repeats(test: str, numbers: Sequence[int]) -> str:
 
 
 def effect(least: float, most: float, unit: str, changes: str) -> str:
-    """Return the message on the effect of the joint between two amplitudes."""
+    """Return the sentence on the effect of the joint between two amplitudes."""
     low, high = number(least, ".2g"), number(most, ".2g")
     return f"From {low} to {high} {unit} of motion the joint {changes}."
 
 
 def joints_effect(mode: int, frequency: str, damping: str) -> str:
-    """Return the message on the effect of all joints on a mode at its largest motion."""
+    """Return the clause on the effect of all joints on a mode at its largest motion."""
     return f"the frequency of mode {mode} changes by {frequency} and its damping ratio by {damping}"
 
 
 def in_full_stick(effect: str) -> str:
-    """Return the message that an effect applies to the mode shape with fully stuck joints."""
+    """Return the clause that an effect applies to the mode shape with fully stuck joints."""
     return f"{effect} (in the mode shape with fully stuck joints)"
 
 
@@ -96,13 +96,13 @@ def at_largest_motion(effects: Sequence[str]) -> str:
 
 
 def sentence(clauses: Sequence[str]) -> str:
-    """Return one sentence that joins several clauses by commas."""
+    """Return a sentence that joins several clauses by commas."""
     joined = ", ".join(clauses)
     return f"{joined[0].upper()}{joined[1:]}."
 
 
 def damped_by(mode: int, joint: str, percent: str) -> str:
-    """Return the message on the joint with the largest share of a mode's losses."""
+    """Return the clause on the joint with the largest share of a mode's losses."""
     return f"mode {mode} is damped mainly by {joint} ({percent} % of the joints' losses)"
 
 
@@ -115,7 +115,7 @@ def joints_unidentified(names: Sequence[str]) -> str:
 
 
 def one_law(joints: Sequence[str], odds: str) -> str:
-    """Return the message that joints share a law by the evidence."""
+    """Return the sentence that joints share one law, according to the evidence."""
     return (
         f"{' and '.join(joints)} have the same law: the evidence is {odds} to 1 against separate "
         "laws."
@@ -123,14 +123,14 @@ def one_law(joints: Sequence[str], odds: str) -> str:
 
 
 def own_laws(joints: Sequence[str], odds: str) -> str:
-    """Return the message that joints have laws that differ by the evidence."""
+    """Return the sentence that joints have different laws, according to the evidence."""
     return (
         f"{' and '.join(joints)} have different laws: the evidence is {odds} to 1 against one law."
     )
 
 
 def law_not_told(joints: Sequence[str], reason: str) -> str:
-    """Return the sentence that the evidence does not determine whether joints share a law."""
+    """Return the sentence that the evidence does not decide whether joints share a law."""
     return f"The tests do not determine whether {' and '.join(joints)} have the same law: {reason}."
 
 
@@ -145,12 +145,12 @@ def weak_evidence(odds: str, preferred: str) -> str:
 
 
 def keeps_stiffness(percent: float, low: float, high: float) -> str:
-    """Return the message on how much of its stiffness a joint with prescribed motion keeps."""
+    """Return the clause on the fraction of its stiffness that a joint keeps at large motion."""
     return f"keeps {percent:.3g} % [{low:.3g}, {high:.3g}] of its stiffness"
 
 
 def of_unknown_mass(stiffness: str, interval: str, *, is_rotation: bool) -> str:
-    """Return the message on the stiffness of a stuck joint whose modal mass no test determines."""
+    """Return the sentence on a stuck joint's stiffness if no test determines the modal mass."""
     mass, unit = ("inertia", "N m/rad") if is_rotation else ("mass", "N/m")
     return (
         f"The stiffness of the fully stuck joint is {stiffness} {interval} {unit}. These tests do "
@@ -159,7 +159,7 @@ def of_unknown_mass(stiffness: str, interval: str, *, is_rotation: bool) -> str:
 
 
 def no_change(what: str, interval: str) -> str:
-    """Return the message that a quantity does not change beyond its interval."""
+    """Return the clause that a quantity does not change beyond its interval."""
     return f"changes the {what} by less than its uncertainty ({interval})"
 
 
@@ -169,7 +169,7 @@ def change(what: str, start: str, interval: str, *, lowers: bool) -> str:
 
 
 def fitted_errors(count: int, errors: str, noun: str = "test") -> str:
-    """Return the message on errors of the fitted tests, or of their records."""
+    """Return the sentence on the errors of fitted tests, or of their records."""
     return f"RMS error of {_tests(count, 'fitted', noun)}: {errors}."
 
 
@@ -185,13 +185,13 @@ def held_out_errors(
 
 
 def fit_errors(count: int, errors: str, noun: str = "test") -> str:
-    """Return the sentence on errors of fitted tests (or records) before the posterior is drawn."""
+    """Return the sentence on errors of fitted tests (or records), before sampling."""
     fitted = _tests(count, "fitted", noun)
     return f"RMS error of {fitted}: {errors}; no other test is predicted yet."
 
 
 def relative_error(error: str, linear: str, own: str = "") -> str:
-    """Return an error over the rms of the record, with those that it is compared with.
+    """Return an error relative to the record's rms, with errors for comparison.
 
     Args:
         error: As it stands.
@@ -205,7 +205,7 @@ def relative_error(error: str, linear: str, own: str = "") -> str:
 
 
 def span(least: str, most: str) -> str:
-    """Return the text of a range in per cent."""
+    """Return a range in per cent as text."""
     return f"{least} %" if least == most else f"{least} to {most} %"
 
 
@@ -217,7 +217,7 @@ def not_identified(
     *,
     poorly: bool = False,
 ) -> str:
-    """Return the sentence on parameters that are not (or `poorly`) identified, and products."""
+    """Return the sentence on parameters that are not identified (or only poorly), and products."""
     grade = "Poorly identified" if poorly else "Not identified"
     sentence = f"{grade}: {listed(names)} (CV at least {least} %)"
     if identified:
@@ -226,23 +226,23 @@ def not_identified(
 
 
 def truncated(reason: str) -> str:
-    """Return the message on the first parameter that a prior bound truncates."""
+    """Return the sentence on the first parameter that a prior bound truncates."""
     return f"Uncertain: {reason}"
 
 
 def all_identified(worst: str, cv: str, *, roughly: bool) -> str:
-    """Return the message that all parameters are identified, and the least certain of them."""
+    """Return the sentence that all parameters are identified, with the least certain one."""
     grade = "identified, some roughly" if roughly else "identified"
     return f"All parameters {grade}; least certain: {worst} (CV {cv} %)."
 
 
 def next_step(remedy: str) -> str:
-    """Return the message on what to do next: the remedy of the first finding."""
+    """Return the sentence on what to do next: the remedy of the first finding."""
     return f"To do next: {remedy}" if remedy else NOTHING_TO_DO
 
 
 def by_the_fit(identified: Sequence[str]) -> str:
-    """Return the message on parameters from the fit alone."""
+    """Return the line with parameters from the fit alone."""
     return f"From the fit alone; the posterior is not assessed: {'; '.join(identified) or 'none'}"
 
 

@@ -1,4 +1,4 @@
-"""The paper's steps one after another, compared with the joint posterior."""
+"""Messages on the sequential steps of Teloli et al., compared with the joint posterior."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ CONDITIONAL = (
 
 
 def held_parameters(names: str, times: str, far: str) -> str:
-    """Return the message on how the parameters that Step 4 fixes affect gamma."""
+    """Return the sentence on how the parameters fixed in Step 4 affect gamma."""
     return (
         f"Step 4 of Teloli et al. takes {names} as exactly known; its gamma is valid only if "
         f"they are. With all parameters free, the standard deviation of gamma is {times} "
@@ -19,7 +19,7 @@ def held_parameters(names: str, times: str, far: str) -> str:
 
 
 def outside_interval(names: Sequence[str]) -> str:
-    """Return the message on means of the paper's steps outside the joint posterior's interval."""
+    """Return the sentence on means of these steps outside the joint posterior's interval."""
     return (
         f"Steps 2 to 4 of Teloli et al. give means of {', '.join(names)} outside the 99 % "
         "interval of the joint posterior of all parameters. Use the joint posterior."
@@ -27,7 +27,7 @@ def outside_interval(names: Sequence[str]) -> str:
 
 
 def wall_time(cut_s: float, joint_s: float) -> str:
-    """Return the sentence on wall times [s] of the paper's route and of the joint posterior."""
+    """Return the sentence on wall times [s] of these steps and of the joint posterior."""
     return (
         f"Wall time: {cut_s:.3g} s for Steps 2 to 4 of Teloli et al., {joint_s:.3g} s for the "
         "joint posterior of all parameters, including compilation."
@@ -35,7 +35,7 @@ def wall_time(cut_s: float, joint_s: float) -> str:
 
 
 def product(product: float, low: float, high: float) -> str:
-    """Return the message on the product alpha*delta with its interval [1/(m s^2)]."""
+    """Return the sentence on the product alpha*delta with its interval [1/(m s^2)]."""
     return (
         f"Third harmonics determine lambda_3 and with it the product alpha*delta: {product:.6g} "
         f"1/(m s^2), 99 % interval [{low:.6g}, {high:.6g}]. They do not separate alpha and "
@@ -44,12 +44,12 @@ def product(product: float, low: float, high: float) -> str:
 
 
 def left_out(why: str) -> str:
-    """Return the sentence on the reason why Steps 3 and 4 of the paper are skipped."""
+    """Return the sentence on why Steps 3 and 4 of Teloli et al. are skipped."""
     return f"Steps 3 and 4 of Teloli et al. are left out. {why}"
 
 
 def other_law(laws: str) -> str:
-    """Return the message that the joint lacks the law of Steps 3 and 4."""
+    """Return the reason that the joint lacks the law of Steps 3 and 4."""
     return (
         "Steps 3 and 4 of Teloli et al. need the Bouc-Wen law and are omitted: the joint "
         f"has {laws}."

@@ -1,4 +1,4 @@
-"""The messages of a plan: its basis, the recommended tests, and what these leave open."""
+"""Messages on a plan: its basis, the recommended tests, and what these leave undetermined."""
 
 from collections.abc import Mapping, Sequence
 
@@ -23,17 +23,17 @@ NATURAL_FREQUENCY = "the natural frequency"
 
 
 def drawn_from_ranges(num_joints: int) -> str:
-    """Return the message that a plan is based on stated ranges."""
+    """Return the sentence that a plan is based on stated ranges of parameters."""
     return f"Plan for {num_joints} joints drawn from the stated ranges, which are the prior."
 
 
 def drawn_from_run(num_joints: int) -> str:
-    """Return the message that a plan is based on the posterior of a run."""
+    """Return the sentence that a plan is based on the posterior of a run."""
     return f"Plan for {num_joints} draws of the run's posterior, which is the prior of new tests."
 
 
 def unknown_reach(displacement: float) -> str:
-    """Return the message that planned levels aim at a displacement that jbw chose [m]."""
+    """Return the warning that levels are planned for a displacement that jbw chose [m]."""
     return (
         "The run states no largest displacement, so the planned levels aim at "
         f"{displacement:.3g} m, where the joint slips; give max_displacement in a file of "
@@ -42,7 +42,7 @@ def unknown_reach(displacement: float) -> str:
 
 
 def cost(num_candidates: int, num_joints: int, seconds: float) -> str:
-    """Return the message on how long the planning of tests takes."""
+    """Return the sentence on how long the evaluation of all candidate tests takes."""
     duration = f"{seconds:.2g} s" if seconds < 120.0 else f"{seconds / 60.0:.2g} minutes"
     return (
         f"{num_candidates} candidate tests for {num_joints} joints take about {duration} after "
@@ -51,27 +51,27 @@ def cost(num_candidates: int, num_joints: int, seconds: float) -> str:
 
 
 def too_far(displacement: float, limit: float) -> str:
-    """Return the reason for an infeasible candidate test: its peak displacement [m]."""
+    """Return the reason why a test is infeasible: its peak displacement is too large [m]."""
     return f"the peak displacement {displacement:.3g} m exceeds {limit:g} m"
 
 
 def too_strong(limit: float, unit: str) -> str:
-    """Return the reason for an infeasible candidate test: its input exceeds the limit."""
+    """Return the reason why a test is infeasible: its input exceeds the limit."""
     return f"input exceeds {limit:g} {unit}"
 
 
 def no_response(count: int, num_joints: int) -> str:
-    """Return the reason why the response of a candidate test cannot be predicted."""
+    """Return the reason why the response to a candidate test cannot be predicted."""
     return f"the response does not become steady for {count} of {num_joints} joints"
 
 
 def with_median(worst: float, median: float) -> str:
-    """Return a coefficient of variation for nine in ten joints, with its median."""
+    """Return a coefficient of variation that nine in ten joints do not exceed, and the median."""
     return f"{worst:.2g}" if worst == median else f"{worst:.2g} (median {median:.2g})"
 
 
 def before(cvs: Mapping[str, str]) -> str:
-    """Return the message on the coefficients of variation without any of the planned tests."""
+    """Return the sentence on the coefficients of variation without any of the planned tests."""
     return f"CV before these tests, which 90 % of joints do not exceed: {_pairs(cvs)}."
 
 
@@ -84,7 +84,7 @@ def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
 
 
 def most_per_second(test: str, level: float, unit: str) -> str:
-    """Return the message on the test with the largest information gain, if no test is needed."""
+    """Return the sentence on the test that informs most per second, if no test is needed."""
     return f"Largest information gain per second: {test}, {level:g} {unit}."
 
 
@@ -97,7 +97,7 @@ def recommended(tests: Sequence[str], cvs: Mapping[str, str], duration: str) -> 
 def not_reached(
     tests: Sequence[str], cvs: Mapping[str, str], duration: str, most: int
 ) -> list[str]:
-    """Return the message on the best tests if no combination reaches the required accuracy."""
+    """Return the sentence on the best tests if no combination reaches the required accuracy."""
     heading = (
         f"No combination of at most {most} repeats reaches the required CV. The best "
         "combination found:"
@@ -106,7 +106,7 @@ def not_reached(
 
 
 def together(note: str) -> str:
-    """Return the message on what the recommended tests do not determine."""
+    """Return the sentence on what the recommended tests do not determine."""
     return f"  With all these tests together, {note}."
 
 
@@ -134,12 +134,12 @@ def told_by_run(key: str) -> str:
 
 
 def single_value(key: str, value: Sequence[float]) -> str:
-    """Return the message on a key that must be a single value where a run is given."""
+    """Return the message on a key that must be a single value if a run is given."""
     return f" {key}: must be a single value when a run is given, but is {list(value)}."
 
 
 def missing(key: str, meaning: str) -> str:
-    """Return the message on a key that has no default."""
+    """Return the message that a required key is missing."""
     return f" {key}: missing; {meaning}."
 
 
@@ -152,7 +152,7 @@ def beyond_stiffness(key: str, least: float, value: float) -> str:
 
 
 def share_of(name: str) -> str:
-    """Return the meaning of a key that states a stiffness as a share of omega_n^2."""
+    """Return the meaning of a key that states a stiffness as a fraction of omega_n^2."""
     return f"{name} / omega_n^2, instead of {name}"
 
 

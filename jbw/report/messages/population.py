@@ -1,4 +1,4 @@
-"""The messages on several units of one joint: variation, trends with torque, reliability."""
+"""Messages on several units of one joint: variation, trends with torque, reliability."""
 
 from collections.abc import Mapping, Sequence
 
@@ -14,13 +14,13 @@ def interval(row: Interval) -> str:
 
 
 def mostly_prior(num_units: int, free: int, *, trend: bool) -> str:
-    """Return the message that units are too few to determine the variation (about a trend)."""
+    """Return the message that units are too few to determine how they vary (about a trend)."""
     about = f"about a trend ({free} degrees of freedom)" if trend else "between units"
     return f"{num_units} units do not determine the variation {about}: the prior dominates it."
 
 
 def wide_intervals(num_units: int, free: int) -> str:
-    """Return the message that only few degrees of freedom remain."""
+    """Return the message that intervals are wide because few degrees of freedom remain."""
     return (
         f"With {num_units} units there are only {free} degrees of freedom, so that the "
         "intervals are wide."
@@ -36,7 +36,7 @@ def not_converged(r_hat: float, divergences: int) -> str:
 
 
 def failed_runs(failed: Sequence[str], num_units: int) -> str:
-    """Return the message on units whose runs failed but which are pooled."""
+    """Return the message that some pooled units come from runs that failed."""
     return (
         f"The population includes {len(failed)} of {num_units} units whose runs failed: "
         f"{listed(failed)}. Repair these runs (jbw explain), or remove them."
@@ -44,7 +44,7 @@ def failed_runs(failed: Sequence[str], num_units: int) -> str:
 
 
 def confounded(correlation: float) -> str:
-    """Return the message that torque and sequence of tightening changed together."""
+    """Return the message that torque and order of tightening changed together."""
     way = "rose together" if correlation > 0 else "changed in opposite directions"
     return (
         f"Torque and tightening number {way} (correlation {correlation:.2f}): the data "
@@ -53,21 +53,21 @@ def confounded(correlation: float) -> str:
 
 
 def no_logarithm(name: str, units: Sequence[str]) -> str:
-    """Return the message that a parameter is not pooled as it is not positive in every unit."""
+    """Return the message that a parameter is not pooled, as it is not positive in every unit."""
     return (
         f"{name} is unknown or not positive in {listed(units)}. It is therefore not part of the "
-        "population, and every unit keeps the prior of its run for it."
+        "population, and every unit keeps the prior of its own run for this parameter."
     )
 
 
 def trend(name: str, slope: Interval, *, rises: bool) -> str:
-    """Return the message on a parameter that changes with torque."""
+    """Return the sentence on a parameter that changes with torque."""
     way = "rises" if rises else "falls"
     return f"{name} {way} with torque to the power {interval(slope)}."
 
 
 def ratio_trend(name: str, slope: Interval, *, depends: bool) -> str:
-    """Return the message on whether a ratio of parameters changes with torque."""
+    """Return the sentence on whether a ratio of parameters changes with torque."""
     answer = "it depends on torque" if depends else "no dependence on torque is detected"
     return f"The exponent of torque in {name} is {interval(slope)}: {answer}."
 
@@ -82,12 +82,12 @@ def scatter(rows: Sequence[tuple[str, float, float]]) -> str:
 
 
 def outliers(units: Sequence[str]) -> str:
-    """Return the message on units that the population does not explain."""
+    """Return the message on units that do not fit the population."""
     return f"These units do not belong to the population: {', '.join(units)}."
 
 
 def weighed(count: int, num_units: int, least: float) -> str:
-    """Return the message on the number of units that are represented by reweighted draws."""
+    """Return the sentence on the number of units that reweighted draws represent."""
     return (
         f"{count} of {num_units} units are represented by reweighted draws of their posterior; "
         f"the effective sample size is at least {percent(least, '.0f')} of the draws."
@@ -95,12 +95,12 @@ def weighed(count: int, num_units: int, least: float) -> str:
 
 
 def approximated(units: Sequence[str]) -> str:
-    """Return the message on units that are represented by a normal approximation."""
+    """Return the sentence on units that a normal approximation represents."""
     return f"The posterior of {listed(units)} is represented by a normal approximation."
 
 
 def weak(names: Sequence[str], times: float) -> str:
-    """Return the message on parameters whose pooling depends on normal posteriors of the units."""
+    """Return the message on parameters whose pooling relies on normal posteriors of the units."""
     return (
         f"For {listed(names)} the error of a single unit is more than {times:g} times the "
         "variation between units: the result depends on the normal approximation of the unit's "
@@ -109,7 +109,7 @@ def weak(names: Sequence[str], times: float) -> str:
 
 
 def saturates(names: Sequence[str], torque: Interval) -> str:
-    """Return the sentence on parameters that saturate with torque, as the user requests."""
+    """Return the sentence on parameters that saturate with torque, as the user requested."""
     return (
         f"{listed(names)} follows a curve that saturates with torque, as the input requests; "
         f"the saturation torque is {interval(torque)} N m. Only very different torques "
@@ -118,7 +118,7 @@ def saturates(names: Sequence[str], torque: Interval) -> str:
 
 
 def wrench(name: str, error: float, added: float, attenuation: float) -> str:
-    """Return the sentence on a wrench's error: effect on exponents if torque is set, or read."""
+    """Return the sentence on how the wrench's error affects the powers of torque."""
     return (
         f"If a wrench sets the torque with an error of {percent(error, '.0f')}, the exponents "
         f"are unbiased, and {name} varies by {percent(added)} because of the wrench. If the "
@@ -128,7 +128,7 @@ def wrench(name: str, error: float, added: float, attenuation: float) -> str:
 
 
 def scatter_stage(num_units: int) -> str:
-    """Return the progress message of the first stage: scatter between units."""
+    """Return the progress message of the first stage: variation between units."""
     return f"Population of {num_units} units: variation between units"
 
 
@@ -143,7 +143,7 @@ def without_stage(number: int, total: int) -> str:
 
 
 def one_stage(num_units: int, num_samples: int) -> str:
-    """Return the progress message of the joint posterior of all units at once."""
+    """Return the progress message for the joint posterior of all units."""
     return f"All records of {num_units} units at once: NUTS, one chain of {num_samples} samples"
 
 

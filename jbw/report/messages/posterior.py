@@ -1,4 +1,4 @@
-"""The messages on a posterior: its sampling, the fit before it, the topics of its checks."""
+"""Messages on a posterior: its sampling, the fit before it, and the topics of its checks."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ TOO_CURVED = (
     "hundred times as many evaluations per draw."
 )
 
-# What a check or a statement is about, as a part of a sentence that says why it is missing.
+# topics of checks and statements, as subjects of sentences that say why one is missing
 EACH_FROM_OTHERS = "each test predicted from the others"
 RESIDUAL = "the residual of the fit"
 SHAPE = "the shape of the residual"
@@ -47,7 +47,7 @@ def statement_on(topic: str) -> str:
 
 
 def sampler(name: str, evaluations: int, coordinates: str) -> str:
-    """Return the sentence on the sampler of the posterior, its evaluations and parametrisation."""
+    """Return the sentence on the posterior's sampler, its evaluations and its parametrisation."""
     return (
         f"Sampler: {name}, {evaluations} evaluations, parametrisation: {coordinates}, the best of "
         "those that were tried."
@@ -55,7 +55,7 @@ def sampler(name: str, evaluations: int, coordinates: str) -> str:
 
 
 def evidence(log_evidence: float, error: float) -> str:
-    """Return the message on the log evidence with its error [nats]."""
+    """Return the sentence on the log evidence with its error [nats]."""
     return f"The log evidence is {log_evidence:.2f} +- {error:.2g}."
 
 
@@ -65,12 +65,12 @@ def in_group_unit(name: str) -> str:
 
 
 def at_bound(name: str, side: str) -> str:
-    """Return the message that the fit lies at a bound of the prior."""
+    """Return the sentence that the fit lies at a bound of the prior."""
     return f"The best fit of {name} lies at the {side} bound of its prior."
 
 
 def intervals_of_fit(effective: float | None) -> str:
-    """Return the clause on where a first answer's intervals come from.
+    """Return the clause on how a quick result's intervals were computed.
 
     Args:
         effective: Effective number of weighted points; None if the intervals are Gaussian.
@@ -84,17 +84,17 @@ def intervals_of_fit(effective: float | None) -> str:
 
 
 def by_fit(combinations: str) -> str:
-    """Return the message on which combinations the fit determines."""
+    """Return the sentence on which combinations the fit determines."""
     return f"The fit shows that {combinations}."
 
 
 def by_initial_fit(combinations: str) -> str:
-    """Return the message on which combinations the initial fit determines."""
+    """Return the sentence on which combinations the initial fit determines."""
     return f"The initial fit shows that {combinations}."
 
 
 def products_sampled(most: Sequence[str], last: str, names: Sequence[str], meanings: str) -> str:
-    """Return the message that products of parameters are sampled in their place."""
+    """Return the sentence that products of parameters are sampled instead of the parameters."""
     verb = "is" if len(names) == 1 else "are"
     return (
         f"The data determine only products of {', '.join(most)} and {last}; therefore "
@@ -108,7 +108,7 @@ def test_left_out(name: str, why: str) -> str:
 
 
 def widened_fit(bounds: Sequence[str]) -> str:
-    """Return which bounds a fit reached, and where they were moved before it was made again."""
+    """Return the sentence that a fit reached prior bounds, which were moved for a new fit."""
     return (
         "The fit reached default prior bounds and was repeated in wider bounds: "
         f"{', '.join(bounds)}."
@@ -116,7 +116,7 @@ def widened_fit(bounds: Sequence[str]) -> str:
 
 
 def widened(bounds: Sequence[str]) -> str:
-    """Return the message on bounds that were moved before the posterior was sampled again."""
+    """Return the sentence on bounds that were moved before the posterior was sampled again."""
     return (
         "Default prior bounds truncated the posterior, which was sampled again in wider bounds: "
         f"{', '.join(bounds)}."

@@ -1,10 +1,10 @@
-"""The messages on files and records as they are read, resampled and reduced."""
+"""Messages on files and records as they are read, resampled and reduced."""
 
 from collections.abc import Sequence
 
 from jbw.report.messages.message import FaultText, percent
 
-# Suffix of what is not read to how it is exported.
+# how to export a file, by the suffix of files that jbw cannot read
 _SHEET = "Save the sheet with the record as CSV."
 EXPORTS = {
     ".xlsx": _SHEET,
@@ -64,7 +64,7 @@ def part_or_higher_rate(line: str) -> str:
 
 
 def coarse_times(fs: float) -> str:
-    """Return the remedy for times with too few digits whose mean sampling rate is known [Hz]."""
+    """Return the remedy for times with too few digits, whose mean sampling rate [Hz] is known."""
     return (
         "Export the times with more digits. If no sample is lost, take `time` out of "
         f"`channels` and put under [[test]]: `fs = {fs:.9g}`."
@@ -72,7 +72,7 @@ def coarse_times(fs: float) -> str:
 
 
 def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultText:
-    """Return the message for whole-number times without a unit, with the likeliest unit.
+    """Return the message on whole-number times without a unit, with the likeliest unit.
 
     `guess` is empty where the times are counts of samples.
     """
@@ -94,11 +94,12 @@ def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultTex
 
 
 def unfitting_names(names: Sequence[str], columns: int) -> str:
-    """Return the message that a header and its rows have different numbers of columns."""
+    """Return the message that a header has more or fewer entries than the rows below it."""
     some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
     return (
-        f"its header names {len(names)} columns ({some}), but its rows have {columns}, so that the "
-        "names cannot be assigned; refer to columns by number, counted from zero: `column[0]`."
+        f"the header of the file names {len(names)} columns ({some}), but its rows have {columns}, "
+        "so that the names cannot be assigned; refer to columns by number, counted from zero: "
+        "`column[0]`."
     )
 
 
@@ -117,19 +118,19 @@ def channel_takes(shape: tuple[int, ...]) -> str:
 
 
 def beginning(fs: float | None, most: float) -> str:
-    """Return the remedy that reads only the start of a channel; `fs` is its rate [Hz], if known."""
+    """Return the remedy to read only the start of a channel; `fs` is its rate [Hz], if known."""
     if not fs:
         return f"Read at most {most:.0f} samples of the channel at once, by the key `span`."
     return f"Put under [[test]]: `span = [0.0, {most / fs:.4g}]`, or another part that is as long."
 
 
 def against_file(unit: str, of_file: str) -> str:
-    """Return the message on the unit that the campaign states instead of that of the file."""
+    """Return the note that the campaign's unit replaces the file's unit."""
     return f"{unit} as the campaign states, not `{of_file}` as the file states"
 
 
 def angle_of(role: str) -> str:
-    """Return the message on the channel from which a phase was computed."""
+    """Return the note on the channel from which a phase was computed."""
     return f"angle of the complex {role}"
 
 
@@ -139,7 +140,7 @@ def few_driven_lines(record: str, least: int) -> str:
 
 
 def rests(start: float, end: float, share: float, keep: str) -> str:
-    """Return the message on the times in which a record moves [s], with the key to keep them."""
+    """Return the note on the times [s] in which a record moves, with the line that keeps them."""
     return (
         f"The structure is at rest outside of {start:g} to {end:g} s. {keep}; a fit to this "
         f"part takes only {100 * share:.0f} % of the time."
@@ -147,21 +148,21 @@ def rests(start: float, end: float, share: float, keep: str) -> str:
 
 
 def oversampled(per_cycle: float, hz: float, ordinal: str, fs: float, every: int) -> str:
-    """Return the message on a sampling frequency that is higher than necessary."""
+    """Return the note that a sampling frequency is higher than necessary."""
     return (
-        f"It has {per_cycle:.0f} samples per cycle of its strongest frequency, {hz:.4g} Hz: "
-        f"low-pass it and export every {ordinal} sample ({fs:g} Hz); a fit then takes "
+        f"The record has {per_cycle:.0f} samples per cycle of its strongest frequency, {hz:.4g} "
+        f"Hz: low-pass it and export every {ordinal} sample ({fs:g} Hz); a fit then takes "
         f"{100 / every:.0f} % of the time."
     )
 
 
 def long_record(name: str, samples: int, proposals: Sequence[str]) -> str:
-    """Return the message on a long record, and how it may be shorter."""
+    """Return the note that a record is long, and how it may be shortened."""
     return f"{name} has {samples} samples, which makes fits slow. {' '.join(proposals)}"
 
 
 def to_rate(fs: float, new_fs: float, passed: float, lost: float) -> str:
-    """Return the note on resampling to another rate [Hz], and the loss above the new band."""
+    """Return the note on resampling to another rate [Hz], with the signal lost by it."""
     return (
         f"from {fs:.7g} to {new_fs:.7g} Hz, with an error of 3e-05 below "
         f"{passed * new_fs / 2:.4g} Hz; the part above this frequency is removed "
@@ -170,7 +171,7 @@ def to_rate(fs: float, new_fs: float, passed: float, lost: float) -> str:
 
 
 def from_uneven(usual: float, new_fs: float, band_hz: float, error: float) -> str:
-    """Return the note on resampling uneven samples to a rate [Hz], with the held-out error."""
+    """Return the note on resampling uneven samples to a rate [Hz], with the estimated error."""
     return (
         f"from unevenly spaced samples of about {usual:.4g} Hz to {new_fs:.7g} Hz, valid below "
         f"{band_hz:.4g} Hz; held-out samples are interpolated with an error of "
@@ -179,7 +180,7 @@ def from_uneven(usual: float, new_fs: float, band_hz: float, error: float) -> st
 
 
 def response_clock(ppm: float) -> str:
-    """Return the note that the response was stretched to the clock of the drive [ppm]."""
+    """Return the note that the response was resampled to the clock of the drive [ppm]."""
     return f"response resampled to the clock of the drive channel, by {ppm:g} ppm"
 
 
@@ -192,14 +193,14 @@ def input_unknown(tone: str) -> str:
 
 
 def harmonic_kept(tone: str) -> str:
-    """Return the message that the third harmonic of the source was not removed."""
+    """Return the message that the source's third harmonic was not removed."""
     return (
         f"{tone}: the third harmonic of the source was measured, but not removed from the response."
     )
 
 
 def large_harmonic(tone: str, ratio: float) -> str:
-    """Return the message on the source's third harmonic and its share of the response."""
+    """Return the message on the source's third harmonic and its fraction of the response."""
     return (
         f"{tone}: the third harmonic of the source adds {percent(ratio, '.0f')} of the joint's Y(3 "
         "omega) to the response; the corrected value depends on H1(3 omega)."
@@ -207,7 +208,7 @@ def large_harmonic(tone: str, ratio: float) -> str:
 
 
 def harmonic_in_noise(tone: str) -> str:
-    """Return the message that a third harmonic does not exceed the noise."""
+    """Return the message that a third harmonic does not exceed noise."""
     return f"{tone}: Y(3 omega) does not stand above the noise; leave this frequency out."
 
 
@@ -225,22 +226,22 @@ def held_phase(
 
 
 def removed_line(hz: float, amplitude: float, error: float) -> str:
-    """Return the text of a removed spectral line: frequency [Hz], amplitude, error."""
+    """Return a removed spectral line as text: frequency [Hz], amplitude, error."""
     return f"{hz:.6g} Hz with the amplitude {amplitude:.4g} (standard error {error:.2g})"
 
 
 def one_header(packets: int) -> str:
-    """Return the note on the number of packets that were read as one record."""
+    """Return the note on how many blocks of samples were read as one record."""
     return f"{packets} packets under one header, read as one record without a pause"
 
 
 def rounded_rate(error: float) -> str:
-    """Return the clause on the error of a sampling frequency that follows from printed digits."""
-    return f"leave a relative error of {error:.1e} in the sampling frequency"
+    """Return the clause on the error of a sampling frequency computed from printed digits."""
+    return f"the printed digits leave a relative error of {error:.1e} in the sampling frequency"
 
 
 def resampled_to(fs: float) -> str:
-    """Return the clause on the rate to which a campaign resamples [Hz]."""
+    """Return the clause on the rate [Hz] to which a campaign resamples."""
     return f"{fs:.10g} Hz, to which the record is resampled"
 
 

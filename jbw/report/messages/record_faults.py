@@ -28,12 +28,12 @@ def unequal_lengths(lengths: str) -> FaultText:
 
 
 def masked_or_left_out(leave_out: str) -> str:
-    """Return the remedy for samples that are not finite: mask them or leave the record out."""
+    """Return the remedy for samples that are not finite: mask them or exclude the record."""
     return f'Put under [[test]]: `gaps = "mask"`, or {leave_out}.'
 
 
 def not_finite(count: int, total: int, first: str, remedy: str) -> FaultText:
-    """Return the message on samples that are no numbers, and the first of them."""
+    """Return the message on samples that are not finite, with the first of them."""
     return FaultText(
         f"Samples must be finite numbers, but {count} of {total} are not; the first at {first}.",
         "Filling the gaps would invent data.",
@@ -60,7 +60,7 @@ def beyond_measurement(sample: int, largest: float) -> FaultText:
 
 
 def constant(value: float, leave_out: str, *, toggles: bool) -> FaultText:
-    """Return the message on a channel that is constant, except perhaps for its last bit."""
+    """Return the message that a channel is constant, perhaps except for its last bit."""
     return FaultText(
         f"The channel is constant at {value:.6g}" + (", to within one bit." if toggles else "."),
         "A dead sensor or an unconnected input looks like this.",
@@ -77,13 +77,17 @@ def few_levels(count: int, least: int) -> FaultText:
     )
 
 
-def held(each: int, fs: float) -> FaultText:
-    """Return the message that each value is repeated for several samples."""
+def held(each: int, fs: float, lag_s: float | None) -> FaultText:
+    """Return the message that each value is repeated for several samples.
+
+    `lag_s` is the lag of the channel if the record has a drive to lag behind.
+    """
+    line = "" if lag_s is None else f", or put under [[test]]: `delay = {lag_s:.4g}`"
     return FaultText(
         f"Each value is repeated for {each} samples: the channel was recorded at {fs:.6g} Hz.",
         "This channel lags channels that were recorded at the stated rate by "
         f"{_samples((each - 1) / 2)}.",
-        f"Export all channels at {fs:.6g} Hz.",
+        f"Export all channels at {fs:.6g} Hz{line}.",
     )
 
 
@@ -113,7 +117,7 @@ def implausible(role: str, largest: float, guess: str) -> FaultText:
 def lost_samples(
     count: int, total: int, value: float, first_s: float, others: tuple[float, float], remedy: str
 ) -> FaultText:
-    """Return the message on the value that a logger writes for lost samples, and its remedy."""
+    """Return the message on samples at the value that a logger writes for lost samples."""
     low, high = others
     return FaultText(
         f"{count} of {total} samples are {value:.6g} in SI units, the first at {first_s:.4g} s; "
@@ -126,7 +130,7 @@ def lost_samples(
 def clipped(
     share: float, where: str, remedy: str = "Leave the clipped part of the record out."
 ) -> FaultText:
-    """Return the message on the share of samples that are cut off, and where."""
+    """Return the message on the fraction of clipped samples, and where they are."""
     return FaultText(
         f"{100 * share:.2g} % of the samples are clipped, {where}.",
         "A fit takes clipped peaks for softening and for harmonics.",
@@ -144,7 +148,7 @@ def stopped(end: float, keep: str) -> FaultText:
 
 
 def gaps(stretches: str, count: int, remedy: str) -> FaultText:
-    """Return the message for gaps that a recorder filled with its last value."""
+    """Return the message on gaps that a recorder filled with its last value."""
     return FaultText(
         f"The response is constant at {stretches}, with motion before and after: "
         f"{'1 gap' if count == 1 else f'{count} gaps'}.",
@@ -154,7 +158,7 @@ def gaps(stretches: str, count: int, remedy: str) -> FaultText:
 
 
 def swapped(of: str = "", ratio: float | None = None) -> FaultText:
-    """Return the message that input and response seem to be swapped."""
+    """Return the message that input and response seem to be exchanged."""
     peaked = "" if ratio is None else f": the spectrum of the input is {ratio:.3g} times more "
     than = "" if ratio is None else "peaked than that of the response"
     return FaultText(
@@ -178,7 +182,7 @@ def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultTex
     """Return the message that the response is largest outside the band."""
     return FaultText(
         f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz, at "
-        f"{ratio:.3g} times its centre.",
+        f"{ratio:.3g} times the centre of the band.",
         "A factor of 6.28 suggests rad/s, 2 suggests half the sampling frequency, and 1.024 a "
         "rate of 1000 Hz that was rounded from 1024 Hz.",
         "Check fs and band.",
@@ -186,7 +190,7 @@ def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultTex
 
 
 def unresolved(peak: float, width: float, duration_s: float, resolution_hz: float) -> FaultText:
-    """Return the message on a resonance that is narrower than the record resolves."""
+    """Return the message on a resonance that is narrower than the record can resolve."""
     return FaultText(
         f"The resonance at {peak:.4g} Hz appears {width:.3g} Hz wide, hardly more than the "
         f"resolution of a record of {duration_s:.4g} s ({resolution_hz:.3g} Hz).",
@@ -196,7 +200,7 @@ def unresolved(peak: float, width: float, duration_s: float, resolution_hz: floa
 
 
 def noisy_drive(source: str, ratio: float, response: str) -> FaultText:
-    """Return the message on the error due to the drive's noise, over that due to the response's."""
+    """Return the message that the drive's noise causes more error than the response's noise."""
     return FaultText(
         f"At the resonance the noise of `{source}` causes {ratio:.2g} times the error that the "
         f"noise of `{response}` causes.",

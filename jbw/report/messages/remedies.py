@@ -1,4 +1,4 @@
-"""Remedies: the line to put into a campaign file, and when to draw more or by another sampler."""
+"""Remedies: lines to put into a campaign file, and when to take more draws or another sampler."""
 
 import json
 import re
@@ -9,39 +9,39 @@ LEAVE_OUT_BY_NUMBER = "leave the record out by its number in `exclude`"
 LEAVE_OUT_TEST = "Leave the test out."
 NO_LINE = "Measure again: no change of the campaign file was found that repairs this fault."
 OTHER_LAWS = "Try other laws: jbw laws."
-# Patterns that find the texts of the functions below in a remedy.
+# patterns that find the texts of the functions below in a remedy
 SPAN = re.compile(r"`span = \[([^,\]]+), ([^\]]+)\]`")
 EXCLUDE = re.compile(r"`exclude = (\[[^`]*\])`")
 ONLY_LEFT_OUT = re.compile(
     rf"{re.escape(PUT)} `exclude = [^`]*`(?:, or keep the part before the fault: `[^`]*`)?\."
 )
 OR_LEFT_OUT = re.compile(r",? or leave the records? out: `exclude = [^`]*`")
-# A table of one role: the factor or the unit of a channel.
+# table with one role: its factor or unit
 OF_ONE_ROLE = re.compile(r'(scale|units) = \{ (\w+) = (-?[\d.]+|"[^"]+") \}')
 
 
 def span(first: float, last: float) -> str:
-    """Return the key that keeps a part of a record [s]."""
+    """Return the campaign line that keeps a part of a record [s]."""
     return f"`span = [{first}, {last}]`"
 
 
 def exclude(files: str) -> str:
-    """Return the key that leaves files out, as a TOML list."""
+    """Return the campaign line that excludes files, given as a TOML list."""
     return f"`exclude = {files}`"
 
 
 def leave_out(files: str) -> str:
-    """Return the remedy that leaves a record out by the name of its file."""
+    """Return the remedy that excludes a record by the name of its file."""
     return f"leave the record out: {exclude(files)}"
 
 
 def part_or_leave_out(part_line: str, leaving_out: str) -> str:
-    """Return the remedy: use the part without spoilt samples, or leave the record out."""
+    """Return the remedy: use the part without bad samples, or exclude the record."""
     return f"{part_line}, a part without these samples, or {leaving_out}."
 
 
 def leave_out_or_part_before(exclude_line: str, part: str) -> str:
-    """Return the remedy: leave the record out, or keep the part before the fault."""
+    """Return the remedy: exclude the record, or keep the part before the fault."""
     return f"{exclude_line}, or keep the part before the fault: {part}."
 
 
@@ -56,7 +56,7 @@ def beside_other_laws(line: str) -> str:
 
 
 def draw_more(num_samples: int | None, sampler: str) -> str:
-    """Return the remedy for too few draws: more samples, or another sampler if none suffice."""
+    """Return the remedy for too few draws: more samples, or another sampler."""
     if num_samples is None:
         line = put("identify", "sampler", sampler)
         return f"Use another sampler: more draws of the present one will not be enough. {line}"

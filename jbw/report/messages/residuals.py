@@ -1,4 +1,4 @@
-"""Residuals of tests: as fitted, held out of the fit, or predicted from others."""
+"""Messages on residuals of tests: as fitted, held out, or predicted from others."""
 
 from collections.abc import Mapping, Sequence
 
@@ -9,7 +9,7 @@ SD_RATIO = "standard deviation from a fit without this kind of test / that from 
 WITH_FREQUENCY = ", with a separate natural frequency"
 Z_SCORE = "change of the fit divided by the standard deviation of such a change by chance"
 WIDER_WITHOUT = "standard deviation from a fit without this run / that from the fit with it"
-IN_GRADE = "The grade of the law already includes this error."
+IN_GRADE = "The grade of the law already includes the error of these predictions."
 NOT_PREDICTED = "The law does not predict tests that were not fitted."
 FIT_MISSED = "Fit these tests too, or look for a difference between the tests: jbw look."
 
@@ -20,7 +20,7 @@ def across_kinds(
     *,
     own_frequency: bool,
 ) -> str:
-    """Return the sentence on each kind of test: RMS errors, parameters that it alone identifies."""
+    """Return the sentence on each kind of test: errors, and what only that kind identifies."""
     rows = "; ".join(
         f"{kind} {percent(error)} ({percent(fitted)} when fitted)"
         for kind, (error, fitted) in errors.items()
@@ -43,7 +43,7 @@ def identified_by(needed: Mapping[str, Sequence[str]]) -> str:
 def each_session(
     proviso: str, errors: Sequence[str], identified: Mapping[str, Sequence[str]]
 ) -> str:
-    """Return the sentence on each session: its RMS error, parameters that it alone identifies."""
+    """Return the sentence on each session: errors, and what only that session identifies."""
     return (
         f"RMS error of each session, predicted from the others{proviso}: {', '.join(errors)}."
         f"{identified_by(identified)}"
@@ -51,7 +51,7 @@ def each_session(
 
 
 def outside_band(terms: str, share: float) -> str:
-    """Return the message on fitted residual terms and their reduction of chi-square."""
+    """Return the sentence on fitted residual terms and the reduction of chi-square by them."""
     return (
         "Modes outside the band contribute to the response; they were fitted by residual terms: "
         f"{terms}. They reduce chi-square by {percent(share, '.0f')}; "
@@ -60,7 +60,7 @@ def outside_band(terms: str, share: float) -> str:
 
 
 def neighbour(hz: float, zeta: float, share: float, fall: float) -> str:
-    """Return the message on a linear mode next to the joint's, and the reduction of chi-square."""
+    """Return the sentence on a linear mode near the joint's, and the reduction of chi-square."""
     return (
         f"A linear mode at {hz:.4g} Hz, zeta {percent(zeta, '.2f')}, with {share:.2g} times the "
         "gain of the joint's mode was added to the fit; this lowers chi-square by "
@@ -82,7 +82,7 @@ def worse_than_fitted(factor: float) -> str:
 
 
 def unseen_errors(tests: str, error: float, fitted: float, comparison: str) -> str:
-    """Return the sentence on the RMS error of tests outside the fit and of fitted tests."""
+    """Return the sentence on RMS errors of tests outside the fit and of fitted tests."""
     return (
         f"RMS error of {tests}: {percent(error)}, compared with {percent(fitted)} for the fitted "
         f"tests{comparison}."

@@ -20,7 +20,7 @@ STATE_BAND = "State the frequencies around this mode, with no other mode between
 
 
 def drifting(tones: str, change: float) -> FaultText:
-    """Return the message for tones that are not steady, with the change of their amplitude."""
+    """Return the message on tones that are not steady, with their change of amplitude."""
     return FaultText(
         f"{tones}: the amplitude changes by {percent(change, '.1f')} from one half of the "
         "record to the other.",
@@ -47,7 +47,7 @@ def few_lines(count: int, least: int) -> FaultText:
 
 
 def locked_phase(phase: float) -> FaultText:
-    """Return the message that a curve is a backbone [degrees]."""
+    """Return the message that a curve of constant phase [degrees] is a backbone."""
     return FaultText(
         f"The phase is {phase:.3g} degrees at every frequency: these are points of a backbone, "
         "each at a different force.",
@@ -57,7 +57,7 @@ def locked_phase(phase: float) -> FaultText:
 
 
 def active(doubts: Sequence[str], keys: Sequence[str]) -> FaultText:
-    """Return the message for a response that no passive structure has, with keys to correct it."""
+    """Return the message on a response that no passive structure has, with the keys to correct."""
     return FaultText(
         f"The response cannot be that of a passive structure: {' and '.join(doubts)}.",
         "A wrong sign of a channel gives a joint with negative damping or stiffness.",
@@ -85,7 +85,7 @@ def loop_turned(rises: float, work: float) -> FaultText:
 
 
 def undecaying(times: float) -> FaultText:
-    """Return the message that the response of a free decay does not fall."""
+    """Return the message that the response of a free decay does not decrease."""
     return FaultText(
         f"The response of the last quarter is {times:.2g} times that of the first.",
         "A free decay falls; this record may be driven, or may begin before the impact.",
@@ -94,7 +94,7 @@ def undecaying(times: float) -> FaultText:
 
 
 def offset(ratio: float, of: str = "") -> FaultText:
-    """Return the message on the offset of a response over its standard deviation."""
+    """Return the message on a response's offset, relative to its standard deviation."""
     return FaultText(
         f"The response{of} has an offset of {ratio:.2g} times its standard deviation.",
         "An offset of the channel is not a motion, but would be fitted as one.",
@@ -103,7 +103,7 @@ def offset(ratio: float, of: str = "") -> FaultText:
 
 
 def already_moving(share: float) -> FaultText:
-    """Return the message on the motion at the start of a record over its usual motion."""
+    """Return the message on motion at a record's start, relative to its usual motion."""
     return FaultText(
         f"The motion at the start of the record is {percent(share, '.0f')} of its usual size, "
         "but the model of such a test starts from rest.",
@@ -114,7 +114,7 @@ def already_moving(share: float) -> FaultText:
 
 
 def unlike_level(level: float, role: str, peak: float, rms: float, unit: str) -> FaultText:
-    """Return the message that `level` differs from the peak and the rms of its channel."""
+    """Return the message that `level` differs from the peak and the rms of every channel."""
     sizes = f"a peak of {peak:.3g} and an rms of {rms:.3g} {unit}".rstrip()
     return FaultText(
         f"`level` is {level:g}, but {role} has {sizes}.",
@@ -142,7 +142,7 @@ def without_band(remedy: str) -> FaultText:
 
 
 def several_modes(share: float, low: float, high: float) -> FaultText:
-    """Return the message on the share of the power outside a band about the strongest resonance."""
+    """Return the message on the fraction of power outside a band about the strongest resonance."""
     return FaultText(
         f"{percent(share, '.0f')} of the displacement's power lies outside {low:g} to "
         f"{high:g} Hz, the band around the strongest resonance.",

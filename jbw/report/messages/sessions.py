@@ -1,4 +1,4 @@
-"""Sessions and runs whose natural frequency and damping differ."""
+"""Messages on sessions and runs whose natural frequency and damping differ."""
 
 from collections.abc import Mapping, Sequence
 
@@ -13,7 +13,7 @@ SHARED_DAMPING = (
 
 
 def differ(p: float, offsets_hz: Mapping[str, float], likelihood: str) -> str:
-    """Return the message that natural frequency differs between runs, with p and offsets [Hz]."""
+    """Return the sentence that natural frequency differs between runs, with p and offsets [Hz]."""
     listed = ", ".join(f"{name} {offset:+.3g} Hz" for name, offset in offsets_hz.items())
     return (
         f"The natural frequency differs from run to run by more than chance (p = {p:.1g}): "
@@ -22,7 +22,7 @@ def differ(p: float, offsets_hz: Mapping[str, float], likelihood: str) -> str:
 
 
 def of_each_level(scatter: float) -> str:
-    """Return the message on natural frequency per level and the scatter of zeta between levels."""
+    """Return the sentence on natural frequency at each level, and zeta's variation with level."""
     return (
         "In the likelihood each level has a separate omega_n, and zeta varies between levels "
         f"by {percent(scatter, '.1f')} of its value, as it does between repeats of one level."
@@ -30,13 +30,13 @@ def of_each_level(scatter: float) -> str:
 
 
 def scatter(hz: tuple[float, float, float], sessions: str) -> str:
-    """Return a standard deviation with its interval [Hz], over runs or assemblies."""
+    """Return a standard deviation between runs or assemblies with its interval [Hz], as text."""
     low, middle, high = hz
     return f"{middle:.2g} Hz [{low:.2g}, {high:.2g}] over {sessions}"
 
 
 def population_mean(scatters: Sequence[str]) -> str:
-    """Return the message that the natural frequency is a population's mean, with its scatter."""
+    """Return the sentence that the natural frequency is a mean over sessions, with its sd."""
     return (
         "The natural frequency of the posterior is the mean over the population; the natural "
         f"frequencies vary around it by {' and '.join(scatters)} (standard deviation [99 % "

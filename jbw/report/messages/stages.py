@@ -1,4 +1,4 @@
-"""The progress messages of an identification, and the parts of a result that may fail alone."""
+"""Progress messages of an identification, and the parts of a result that may fail singly."""
 
 READING_RECORDS = "Measuring frequency and damping of the records without a model"
 DRAWING = "Drawing the posterior"
@@ -7,7 +7,7 @@ FITTING_SHARED = "Fitting all laws with the same omega_n and zeta for all sessio
 COMPUTING_JOINT = "Computing the joint's backbone with bands, and its loops"
 SAVED = "Saved. Repeat the command to continue."
 
-# Parts of a result, each the subject of a sentence that says why it is missing.
+# parts of a result, each the subject of a sentence that says why it is missing
 ANSWER_OF_FIT = "The result of the fit alone"
 IDENTIFIABILITY = "The study of identifiability"
 WITHOUT_FORM = "The estimate of frequency and damping without assuming a law"
@@ -36,7 +36,7 @@ FITTING_FOR_USE = "Fitting all tests, including the held-out ones"
 
 
 def little_address_space(limit_gib: float, needed_gib: float) -> str:
-    """Return the message that a limit on the address space may end the process."""
+    """Return the warning that a limit on the address space may end the process."""
     return (
         f"The address space of this process is limited to {limit_gib:.2g} GiB, but compiling may "
         f"need {needed_gib:g} GiB; without them the process ends. Raise the limit: "
@@ -54,12 +54,12 @@ def unkept_code(folder: str, reason: str) -> str:
 
 
 def design(step: int) -> str:
-    """Return the progress message for reading the design of a step of the paper."""
+    """Return the progress message for reading what a step of Teloli et al. needs."""
     return f"Reading the design of Step {step} from the campaign"
 
 
 def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
-    """Return the progress message for a law: each session is predicted from all others, if any."""
+    """Return the progress message on scoring a law, perhaps by predicting each session."""
     if num_sessions == 1:
         return f"{law}: one session, judged by its {'fit' if by_fit else 'evidence'}"
     method = " by fits alone" if by_fit else ", and the evidence"
@@ -67,7 +67,7 @@ def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
 
 
 def points(count: int, coordinates: str) -> str:
-    """Return the progress message on how many points a parametrisation is evaluated at."""
+    """Return the progress message on how many points are evaluated for a parametrisation."""
     return f"parametrisation by {coordinates}: evaluating the model at {count} points"
 
 
@@ -80,7 +80,7 @@ def drawing_figures(page: str) -> str:
 
 
 def drawing_records(folder: str) -> str:
-    """Return the progress message for drawing the first record of every test into a folder."""
+    """Return the progress message for drawing each test's first record into a folder."""
     return f"Drawing a figure of the first record of every test in folder {folder}"
 
 
@@ -90,12 +90,12 @@ def starts(count: int) -> str:
 
 
 def later_round(what: str, number: int) -> str:
-    """Return the message that a posterior is drawn again."""
+    """Return the name of a posterior that is sampled again, with the number of the round."""
     return f"{what}, round {number}: drawn again, because chains disagreed or draws were too few"
 
 
 def effective(size: float, needed: float) -> str:
-    """Return the message on the effective draws so far, and the number needed."""
+    """Return the phrase on the effective draws so far and the number needed."""
     return f"{size:,.0f} effective draws; at least {needed:,.0f} are needed"
 
 
@@ -109,7 +109,7 @@ def _groups(count: int) -> str:
 
 
 def joint_posterior(count: int) -> str:
-    """Return the progress message for the joint posterior from a number of groups of data."""
+    """Return the progress message for the joint posterior from a number of data groups."""
     return f"Joint posterior: all parameters from {_groups(count)}"
 
 
@@ -119,15 +119,15 @@ def kernel(count: int) -> str:
 
 
 def least_squares(count: int) -> str:
-    """Return the progress message for least squares on a number of groups of data."""
+    """Return the progress message for least squares on a number of data groups."""
     return f"Least squares: all parameters from {_groups(count)}"
 
 
 def line_fit(test: str) -> str:
-    """Return the progress message for the line fit of a test in Step 2 of the paper."""
-    return f"Step 2: line fit of {test}"
+    """Return the progress message for the FRF fit to a test, Step 2 of Teloli et al."""
+    return f"Step 2: oscillator fitted to test `{test}`"
 
 
 def fitting_as(law: str) -> str:
-    """Return the progress message on the law whose noise weights are used to fit all laws."""
+    """Return the progress message on the law whose noise weights are used for all laws."""
     return f"Fitting all laws with the noise weights of {law}, the law with the smallest residual"

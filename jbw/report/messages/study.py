@@ -1,4 +1,4 @@
-"""The messages of a study other than findings: Step 2, modes outside the band, exports, fleets."""
+"""Messages of a study other than findings: FRF fit, modes outside the band, exports, fleets."""
 
 from collections.abc import Sequence
 
@@ -29,7 +29,7 @@ AS_ASKED = "as requested"
 
 
 def step_2(y_rms: float, repeats: int) -> str:
-    """Return the message on the rms displacement [m] at which Step 2 reads the oscillator."""
+    """Return the sentence on the rms displacement [m] in the FRF fit (Step 2)."""
     counted = (
         "There is no CV (coefficient of variation), because there is only one record"
         if repeats < 2
@@ -43,7 +43,7 @@ def step_2(y_rms: float, repeats: int) -> str:
 
 
 def neighbours(modes: Sequence[tuple[float, float]], residual: float) -> str:
-    """Return the message on modes that Step 2 fits together, with frequencies [Hz] and damping."""
+    """Return the sentence on modes that the FRF fit includes, with frequencies [Hz] and damping."""
     shown = ", ".join(f"{hertz:.4g} Hz ({percent(ratio, '.2f')})" for hertz, ratio in modes)
     return (
         f"Several modes in the band were fitted together, the joint's mode first: {shown}; "
@@ -53,7 +53,7 @@ def neighbours(modes: Sequence[tuple[float, float]], residual: float) -> str:
 
 
 def rigid_body(constant: str, unit: str) -> str:
-    """Return the message that modes below the band dominate outside it."""
+    """Return the sentence that modes below the band dominate the response outside it."""
     return (
         f"The modes outside the band contribute a real constant to the response, {constant} "
         f"{unit}, which comes from the rigid body and the modes below the band."
@@ -61,7 +61,7 @@ def rigid_body(constant: str, unit: str) -> str:
 
 
 def compliance(constant: str, unit: str) -> str:
-    """Return the message that modes above the band dominate outside it."""
+    """Return the sentence that modes above the band dominate the response outside it."""
     return (
         f"The modes outside the band contribute a real constant to the response, {constant} "
         f"{unit}, which is the compliance of the modes above the band."
@@ -69,29 +69,29 @@ def compliance(constant: str, unit: str) -> str:
 
 
 def no_shaker(test: str, why: str) -> str:
-    """Return the message that a record does not show its shaker."""
+    """Return the sentence that a record does not determine its shaker, with the reason."""
     return f"The shaker of test `{test}` is not identified. {why}"
 
 
 def identify_anew(folder: str) -> str:
-    """Return the message with the remedy for a folder that contains another result."""
+    """Return the remedy for a folder that contains another result."""
     return f"To identify again, move {folder} away or choose another `out`."
 
 
 def verdict_of(campaign: str, status: str, why: str) -> str:
-    """Return the message on the verdict of a run in a line of an exported file."""
+    """Return the line of an exported file with the verdict of a run."""
     return f"Verdict of the run {campaign}: {status}: {why}"
 
 
 def exported_draw(number: int, count: int, why: str, mass: float) -> str:
-    """Return the message on which draw an export holds, with the modal mass [kg]."""
+    """Return the line on which draw is exported, with the modal mass [kg]."""
     return (
         f"Joint: draw number {number} of {count} (counted from 0), {why}; modal mass {mass:g} kg."
     )
 
 
 def one_draw(number: int, mass: float) -> str:
-    """Return the message on one of several exported draws, with the modal mass [kg]."""
+    """Return the line on one of several exported draws, with the modal mass [kg]."""
     return f"Joint: draw number {number} (counted from 0); modal mass {mass:g} kg."
 
 
@@ -101,7 +101,7 @@ def exported_joints(number: int, count: int, why: str, system: str) -> str:
 
 
 def one_of_joints_draws(number: int, system: str) -> str:
-    """Return the message on one of several exported draws of the joints, with its units."""
+    """Return the comment on one of several exported draws of the joints, with units."""
     return f"Joints: draw number {number} (counted from 0); units {system}."
 
 
@@ -114,7 +114,7 @@ def mode_beside_matrices(mode: int, hz: float, model_hz: float, damping: float) 
 
 
 def motion_beside_matrices(what: str, factor: float) -> str:
-    """Return the comment on a factor of joint motion that a model with these matrices lacks."""
+    """Return the comment on a joint's motion factor, which these matrices do not contain."""
     return (
         f"{capital(what)} is {factor:.4g}. A model with these matrices does not include this "
         "factor."
@@ -144,7 +144,7 @@ def joint_place(
 
 
 def joint_in_si(name: str, motion_unit: str, force_unit: str) -> str:
-    """Return the message that a file of one joint is in SI, whatever the units of the matrices."""
+    """Return the note that a joint's file is in SI, whatever the units of the matrices are."""
     return f"This is {name} in SI: its motion in {motion_unit}, its force in {force_unit}."
 
 
@@ -160,13 +160,13 @@ def joint_dashpot(name: str, hz: float, motion: float, unit: str) -> str:
 def within_interval(
     name: str, value: float, unit: str, low: float, high: float, *, inside: bool
 ) -> str:
-    """Return the message on where a product of the exported draw lies among all draws."""
+    """Return the comment on whether the exported draw's product lies within all draws' interval."""
     place = "within" if inside else "outside"
     return f"{name} is {value:.6g} {unit}, {place} its 99 % interval {low:.6g} to {high:.6g}."
 
 
 def within_bands(*, inside: bool) -> str:
-    """Return the message on whether the exported backbone lies in the bands of all draws."""
+    """Return the comment on whether the exported backbone lies in the bands of all draws."""
     place = "within" if inside else "partly outside"
     return f"The backbone of the exported joint lies {place} the 99 % bands of all draws."
 
@@ -174,7 +174,7 @@ def within_bands(*, inside: bool) -> str:
 def sliders(
     law: str, reach: float, least: float, most: float, error: float, unit: str = "m"
 ) -> str:
-    """Return the message on how far and how well sliders represent a law."""
+    """Return the comment on the range and accuracy with which sliders represent a law."""
     return (
         f"The joint {law} is represented by sliders up to a displacement of {reach:.4g} {unit}, "
         f"and by a spring beyond it. From {least:.4g} to {most:.4g} {unit} the error of the "
@@ -183,7 +183,7 @@ def sliders(
 
 
 def without_form(program: str) -> str:
-    """Return the message that no file is written for a program."""
+    """Return the note that no file is written for a program, because it cannot take a law."""
     return f"No file is written for {program}, which cannot represent this joint."
 
 
@@ -193,7 +193,7 @@ def no_logarithm(name: str, units: Sequence[str]) -> str:
 
 
 def unfinished(folder: str) -> str:
-    """Return the message on a run that a fleet omits."""
+    """Return the message on an unfinished run that a fleet omits."""
     return (
         f"{folder} is left out of the fleet, because the run is not finished. Continue it: "
         f"jbw resume {folder}"
@@ -201,7 +201,7 @@ def unfinished(folder: str) -> str:
 
 
 def further_units(torque: float | None, *, of_units: bool) -> str:
-    """Return the message on the units of a prediction, and the gain that is used."""
+    """Return the message on the units that a prediction concerns, and the gain used."""
     at = "" if torque is None else f" at {torque:.3g} N m"
     gain = "the gains of the measured units" if of_units else "the campaign's gain for its tests"
     return f"New units{at}, with {gain}"
@@ -225,7 +225,7 @@ WEIGHT_OF_DOF = "factor by which a degree of freedom enters the joint's motion"
 
 
 def rank_below(name: str) -> str:
-    """Return the long name of a calibration's ranks: the draws below the true value."""
+    """Return the long name of a calibration's ranks: the number of draws below the true value."""
     return f"number of posterior draws below the true {name}"
 
 

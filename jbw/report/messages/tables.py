@@ -8,7 +8,7 @@ FROM_TRUTH = (
     "distance of the posterior mean from the true value in standard deviations, bold beyond 2.58"
 )
 KL = "information that the data add to the prior, in nats"
-R_HAT = "if it is above 1.01 (bold), the chains disagree"
+R_HAT = "R-hat: if it is above 1.01 (bold), the chains disagree"
 TESTS = "Tests: fitted and held out"
 HELD_OUT_BEFORE = "Tests that were held out from the earlier fit"
 ACROSS_KINDS = "Each kind of test, predicted from the other kinds"
@@ -25,7 +25,7 @@ MATRIX_B = (
     "Matrix B: how far each joint softens each swept mode, each row divided by its largest value"
 )
 
-# Headings of columns, in two lines.
+# headings of columns in two lines
 ERROR = "RMS error /\nrms of the record"
 OWN_FREQUENCY = "the same, with the\nrecord's own frequency"
 HALF_WIDTH = "half width of the band /\nrms of the record"
@@ -39,18 +39,20 @@ PROFILE_INTERVAL = "99 % interval\nof the profile"
 SPECTRUM = "Information spectrum: combinations of parameters, best determined first"
 COHERENCE = "lowest coherence of a test at the resonance"
 COHERENCE_NOTE = "near 1 if the records are long enough for the damping and free of noise"
-VARIATION_NOTE = "between repeats; compare it with the standard deviations of Table 1"
+VARIATION_NOTE = (
+    "variation between repeats; compare it with the standard deviations in the table of parameters"
+)
 HARMONIC = "largest third harmonic of the source"
-HARMONIC_NOTE = "of Y(3ω); removed by means of the measured input"
+HARMONIC_NOTE = "as a fraction of Y(3ω); removed by means of the measured input"
 
 
 def rests_on(parameters: Sequence[str]) -> str:
-    """Return the message on parameters that only one kind of test identifies."""
+    """Return the remark on parameters that only one kind of test identifies."""
     return f"only these tests identify {listed(parameters)}"
 
 
 def beyond(reach: float) -> str:
-    """Return the message on the extrapolation of a test beyond the fitted displacement."""
+    """Return the remark on a test that exceeds the fitted displacement."""
     return f"its motion is {reach:.2g} times the largest fitted displacement"
 
 

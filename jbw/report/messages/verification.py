@@ -1,4 +1,4 @@
-"""Tests compared with their predictions: coverage of the bands, limits of the predictions."""
+"""Messages on tests compared with predictions: coverage of bands, limits of predictions."""
 
 from jbw.report.messages.message import percent
 
@@ -27,7 +27,7 @@ def comparison_of(test: str, quantity: str) -> str:
 
 
 def extrapolated(test: str, y: float, ratio: float, fitted: float) -> str:
-    """Return the message that a prediction reaches beyond the fitted displacements [m]."""
+    """Return the warning that a prediction extends beyond the fitted displacements [m]."""
     return (
         f"Test `{test}` is predicted to reach {y:.3g} m, {ratio:.2g} times the largest fitted "
         f"displacement ({fitted:.3g} m). No fitted test shows that the joint follows the law "
@@ -37,7 +37,7 @@ def extrapolated(test: str, y: float, ratio: float, fitted: float) -> str:
 
 
 def away_from_mode(test: str, share: float) -> str:
-    """Return the message that a test hardly drives the identified mode."""
+    """Return the warning that a test hardly drives the identified mode."""
     return (
         f"Only {percent(share)} of the input power of test `{test}` lies within 25 % of the "
         "natural frequency. The test hardly moves the identified mode, and other modes may "
@@ -46,7 +46,7 @@ def away_from_mode(test: str, share: float) -> str:
 
 
 def without_terms(test: str, terms: str) -> str:
-    """Return the message on residual terms that a prediction of a new unit omits."""
+    """Return the warning on residual terms that a prediction of a new unit omits."""
     return (
         f"Test `{test}` is predicted without {terms}, which differ between the units of the "
         "population. Its bands do not include the response of other modes."

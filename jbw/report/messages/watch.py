@@ -1,4 +1,4 @@
-"""The messages of a watch on a record: alarm or not, the change, the torque that explains it."""
+"""Messages of the monitoring: alarm or not, the change, and the torque that explains it."""
 
 from jbw.report.messages.message import percent
 
@@ -7,7 +7,7 @@ Estimate = tuple[float, float, float]
 
 
 def distances(squared: float, threshold: float, num_reference: int, unchanged: float) -> str:
-    """Return the message on the numbers behind a statement."""
+    """Return the sentence on the numbers behind an alarm: distance, threshold, probability."""
     return (
         f"T^2 is {squared:.3g} (threshold {threshold:.3g}); the probability that nothing changed "
         f"since the {num_reference} reference records is {unchanged:.3g}."
@@ -15,12 +15,12 @@ def distances(squared: float, threshold: float, num_reference: int, unchanged: f
 
 
 def no_alarm(numbers: str) -> str:
-    """Return the message that the joint is as it was."""
+    """Return the sentence that there is no sign of a change."""
     return f"No alarm. {numbers}"
 
 
 def alarm(kind: str, record: str, first: str, direction: str, changes: str, numbers: str) -> str:
-    """Return the message that the joint changed, and since which record."""
+    """Return the sentence that the joint has changed, and since which record."""
     since = f", change since {first}" if first != record else ""
     return f"Alarm ({kind}) at {record}{since}: {direction}. {changes} {numbers}"
 
@@ -36,7 +36,7 @@ def changes(frequency: Estimate, damping: Estimate, torque: str) -> str:
 
 
 def torque_change(before: float, after: Estimate, *, within_fleet: bool, is_explained: bool) -> str:
-    """Return the end of a sentence: the change of torque that explains a change best."""
+    """Return the clause on the change of torque that explains a change best."""
     middle, low, high = after
     way = "fall" if middle < before else "rise"
     phrase = (
@@ -51,7 +51,7 @@ def torque_change(before: float, after: Estimate, *, within_fleet: bool, is_expl
 
 
 def attenuated(error: float, attenuation: float) -> str:
-    """Return the message that slopes of torques that were read are too small."""
+    """Return the warning that errors of the torques make the slopes with torque too small."""
     return (
         "If the torques of the fleet were not set but measured with an error of "
         f"{percent(error, '.0f')}, its slopes are about {percent(attenuation, '.1g')} too "
@@ -60,12 +60,12 @@ def attenuated(error: float, attenuation: float) -> str:
 
 
 def furthest(metres: float | None) -> str:
-    """Return the message on how far all units of a fleet were driven."""
+    """Return the words for the largest displacement of a fleet's units [m], if it is known."""
     return "some units state no displacement" if metres is None else f"{metres:.3g} m"
 
 
 def torn_line(path: str, num_bytes: int, torn_path: str) -> str:
-    """Return the message that a crash cut off the last line of a watch."""
+    """Return the warning that a crash cut off the last line of a monitoring log."""
     return (
         f"A crash cut off the last line of {path}; its {num_bytes} bytes are in {torn_path}. Add "
         "that record again."
@@ -73,18 +73,18 @@ def torn_line(path: str, num_bytes: int, torn_path: str) -> str:
 
 
 def known_already(record: str, number: int) -> str:
-    """Return the message that a record is no new one."""
+    """Return the message that a record has already been read."""
     return f"The watch already contains `{record}`, as number {number}."
 
 
 def particles(record: str, share: float, *, moved: bool) -> str:
-    """Return the progress message on the share of effective particles after a record."""
+    """Return the progress message on the fraction of effective particles after a record."""
     kernel = "; the particles were resampled and moved" if moved else ""
     return f"{record}: {percent(share, '.0f')} of the particles are effective{kernel}"
 
 
 def several_amplitudes(few: int) -> str:
-    """Return the advice to use one amplitude if a watch has few reference records."""
+    """Return the advice to use one amplitude if there are few reference records."""
     return (
         f"With fewer than {few} reference records, measurements at one amplitude detect "
         "smaller changes than those at several amplitudes."
@@ -100,10 +100,10 @@ CARRIED = "A run that is updated by new records"
 
 
 def heading(num_records: int, num_reference: int) -> str:
-    """Return the heading of the page of a watch on new records."""
-    return f"{num_records} records by jbw; the first {num_reference} are the reference."
+    """Return the heading of the page on monitored records."""
+    return f"{num_records} records, monitored by jbw; the first {num_reference} are the reference."
 
 
 def table_title(amplitude: str, false_alarms: float) -> str:
-    """Return the title of the table of readings of a watch."""
+    """Return the title of the table of monitored records."""
     return f"Frequency and damping at {amplitude}; false alarms per record: {false_alarms:g}"

@@ -1,4 +1,4 @@
-"""Words of the field and columns of tables, and what they mean."""
+"""Words of the field and columns of tables, with their meanings."""
 
 WORDS: dict[tuple[str, ...], str] = {
     ("verdict", "status", "badge", "usable", "not assessed"): (
@@ -148,7 +148,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "whose Steps 3 and 4 fix the results of earlier steps."
     ),
     ("CV", "sd / value, by the fit"): (
-        "Coefficient of variation: standard deviation over mean. A parameter counts as identified "
+        "Coefficient of variation: standard deviation / mean. A parameter counts as identified "
         "up to 10 %, and as roughly identified up to 30 %."
     ),
     ("MAP", "fit"): (
@@ -236,11 +236,11 @@ WORDS: dict[tuple[str, ...], str] = {
         "beyond [%]",
         "linear by run [%]",
     ): (
-        "Columns of `jbw laws`, errors over the rms of the records: of the fit; of each test, "
-        "predicted by a fit without it; of the highest level, predicted by a fit without it; of "
-        "the kind of test that the other kinds predict worst; of held-out tests; of tests beyond "
-        "the fitted motion; and of a linear oscillator fitted to each run separately, which no law "
-        "can beat by much."
+        "Columns of `jbw laws`, errors divided by the rms of the records: of the fit; of each "
+        "test, predicted by a fit without it; of the highest level, predicted by a fit without "
+        "it; of the kind of test that the other kinds predict worst; of held-out tests; of tests "
+        "beyond the fitted motion; and of a linear oscillator fitted to each run separately, "
+        "which no law can beat by much."
     ),
     ("load", "median [99 %]"): (
         "Columns of `jbw predict` under other loads: a sine of one level, a random profile or a "
@@ -275,10 +275,10 @@ WORDS: dict[tuple[str, ...], str] = {
         "best laws",
         "s",
     ): (
-        "Error of a prediction: rms of measured minus predicted, over the rms of the record. It is "
-        "the error of the law alone: a model discrepancy widens the bands and does not change the "
-        "error. In a list of runs it is the message of a failure. A column `s` contains times in "
-        "seconds."
+        "Error of a prediction: rms of measured minus predicted, divided by the rms of the "
+        "record. It is the error of the law alone: a model discrepancy widens the bands and does "
+        "not change the error. In a list of runs it is the message of a failure. A column `s` "
+        "contains times in seconds."
     ),
     (
         "the same, best linear oscillator",
@@ -298,27 +298,28 @@ WORDS: dict[tuple[str, ...], str] = {
         "half width of the band / rms of the record",
         "its half width / rms of the record",
     ): (
-        "Half the width of the band over the rms of the record. A wide band contains everything "
-        "and says little."
+        "Half the width of the band, divided by the rms of the record. A wide band contains "
+        "everything and says little."
     ),
     ("peak displacement [m]", "peak [m]", "motion", "motion [mm]", "at", "amplitude"): (
         "The largest displacement of a test, or the amplitude at which something is compared."
     ),
     ("of fitted", "beyond fitted", "beyond", "extrapolation"): (
-        "The largest displacement of a test over that of the fitted tests. Beyond 1 a prediction "
-        "extrapolates."
+        "The largest displacement of a test, divided by that of the fitted tests. Beyond 1 a "
+        "prediction extrapolates."
     ),
     ("frequency", "frequency [Hz]"): (
         "Natural frequency at the amplitude of the test, found without a model of the joint."
     ),
     ("damping", "damping [%]", "damping ratio"): (
-        "Damping over critical damping, in per cent; the quality factor Q is 1 / (2 zeta)."
+        "Damping divided by critical damping, in per cent; the quality factor Q is 1 / (2 zeta)."
     ),
     ("best linear leaves", "linear residual", "residual of a linear fit"): (
         "The part of a record that no linear oscillator describes."
     ),
     ("scatter of repeats",): (
-        "The standard deviation of a test's repeats about their mean, over the rms of the mean."
+        "The standard deviation of a test's repeats about their mean, divided by the rms of the "
+        "mean."
     ),
     ("coherence",): (
         "The share of the response's power at resonance that the source explains linearly: one "
@@ -329,7 +330,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "of the tone: a sign of a nonlinear joint."
     ),
     ("secant stiffness", "secant stiffness [N/m]"): (
-        "Force over displacement between the ends of a loop."
+        "Force divided by displacement, between the ends of a loop."
     ),
     (
         "loss per cycle",
@@ -399,11 +400,11 @@ WORDS: dict[tuple[str, ...], str] = {
     ("work [J]",): "Energy dissipated in one cycle of a loop.",
     ("equivalent damping",): (
         "Damping ratio of the linear spring and damper that dissipate the same energy in a cycle: "
-        "the work over 2 pi times the stiffness and the squared amplitude."
+        "the work divided by 2 pi, by the stiffness and by the squared amplitude."
     ),
     ("stiffness / first stiffness of this amplitude",): (
-        "Secant stiffness of a cycle over that of the first cycle of equal amplitude. Below 1 the "
-        "joint degrades."
+        "Secant stiffness of a cycle, divided by that of the first cycle of equal amplitude. "
+        "Below 1 the joint degrades."
     ),
     ("share",): ("A fraction: of the stiffness that slips, of the draws, or of the response."),
     ("CHECK",): (
