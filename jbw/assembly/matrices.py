@@ -125,7 +125,7 @@ def matrix_model(
     system = system_named(units)
     raw = {"M": mass, "K": stiffness} | ({} if damping is None else {"C": damping})
     matrices = {name: _square(name, matrix) for name, matrix in raw.items()}
-    size = matrices["M"].shape[0]
+    size = next(iter(matrices.values())).shape[0]
     rows = numbered_rows(size) if dofs is None else tuple(map(_row, dofs))
     for name, matrix in matrices.items():
         if matrix.shape[0] != size:

@@ -12,7 +12,7 @@ $$\ddot q_i + 2\zeta_i\omega_i\dot q_i + \omega_i^2q_i + \sum_jH_{ji}r_j = b_iu,
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
@@ -23,7 +23,6 @@ from jbw.assembly.factorisation import Sparse
 from jbw.assembly.joint import Joint
 from jbw.assembly.matrices import MatrixModel, ModalDamping, modal_damping
 from jbw.assembly.stuck_modes import (
-    ResidualModes,
     StuckModes,
     residual_modes,
     residual_shapes,
@@ -195,11 +194,11 @@ def reduce(
     _require_participation(joints, across, modes, model.dofs)
     if holds_joints:
         _require_shares(joints, across, modes)
-    basis = _residual_basis(stiffness, model.mass, modes, loads)
+    attached, own, mass, whole = _residual_basis(stiffness, model.mass, modes, loads)
     limit = 2 * np.pi * to_hz * (_SLOWEST_RESIDUAL if slow_residual_modes else np.inf)
-    residual = residual_modes(basis.flexibility, basis.mass, np.diag(basis.whole), limit)
-    shapes = np.hstack((modes.shapes, basis.shapes @ residual.combinations))
-    omega = np.concatenate((modes.omega, residual.omega))
+    residual, combinations, slowed = residual_modes(own, mass, np.diag(whole), limit)
+    shapes = np.hstack((modes.shapes, attached @ combinations))
+    omega = np.concatenate((modes.omega, residual))
     H = across.T @ shapes
     damping = _damping(zeta, model, stiffness, joints, across, modes)
     num = len(joints)
@@ -212,9 +211,9 @@ def reduce(
         joints=tuple(joints),
         outputs=tuple(outputs),
         num_kept=modes.omega.size,
-        residual_flexibility=basis.flexibility[:num, :num],
-        flexibility=basis.whole[:num, :num],
-        notes=(*model.notes, *_notes(model, modes, residual, limit), *damping.notes),
+        residual_flexibility=own[:num, :num],
+        flexibility=whole[:num, :num],
+        notes=(*model.notes, *_notes(model, modes, slowed, limit), *damping.notes),
         matrices=model,
         shapes=modes.shapes,
         holds_joints=holds_joints,
@@ -242,30 +241,18 @@ def structure_of_joints(reduced: ReducedModel) -> Any:
     return Structure(reduced.omega, zeta, H, H.T, reduced.b, c, laws[0] if single else laws)
 
 
-class _ResidualBasis(NamedTuple):
-    """The attachment modes Psi, the matrices Psi^T K_s Psi and Psi^T M Psi, and flexibilities."""
-
-    shapes: Float[np.ndarray, "dof load"]
-    flexibility: Float[np.ndarray, "load load"]
-    mass: Float[np.ndarray, "load load"]
-    whole: Float[np.ndarray, "load load"]
-
-
 def _residual_basis(
     stiffness: Sparse, mass: Sparse, modes: StuckModes, loads: np.ndarray
-) -> _ResidualBasis:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return attachment modes Psi, Psi^T K_s Psi, Psi^T M Psi, and the whole flexibility."""
     shapes = residual_shapes(stiffness, mass, modes, loads)
     flexibility = shapes.T @ (stiffness @ shapes)
     flexibility = (flexibility + flexibility.T) / 2
     elastic = modes.omega > 0
     participation = loads.T @ modes.shapes[:, elastic] / modes.omega[elastic]
     reduced_mass = shapes.T @ (mass @ shapes)
-    return _ResidualBasis(
-        shapes,
-        flexibility,
-        (reduced_mass + reduced_mass.T) / 2,
-        flexibility + participation @ participation.T,
-    )
+    whole = flexibility + participation @ participation.T
+    return shapes, flexibility, (reduced_mass + reduced_mass.T) / 2, whole
 
 
 def _stuck(stiffness: Sparse, joints: Sequence[Joint], across: np.ndarray) -> Sparse:
@@ -430,17 +417,15 @@ def _require_plausible(modes: StuckModes, units: str) -> None:
         )
 
 
-def _notes(
-    model: MatrixModel, modes: StuckModes, residual: ResidualModes, limit: float
-) -> list[str]:
+def _notes(model: MatrixModel, modes: StuckModes, slowed: np.ndarray, limit: float) -> list[str]:
     """Return notes on steps of the reduction that were not requested."""
     notes = []
     if massless := model.massless.size:
         notes.append(messages.massless(massless))
     if rigid := int(np.sum(modes.omega == 0)):
         notes.append(f"Rigid-body modes: {rigid}.")
-    if residual.slowed.size:
-        highest = residual.slowed[-1]
+    if slowed.size:
+        highest = slowed[-1]
         fastest = "infinity" if not np.isfinite(highest) else f"{highest / (2 * np.pi):.4g} Hz"
-        notes.append(messages.slowed(limit / (2 * np.pi), residual.slowed.size, fastest))
+        notes.append(messages.slowed(limit / (2 * np.pi), slowed.size, fastest))
     return notes

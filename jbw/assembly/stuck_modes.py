@@ -217,27 +217,13 @@ def residual_shapes(
     return complement(shapes)
 
 
-class ResidualModes(NamedTuple):
-    """The residual modes, with unit modal mass.
-
-    Attributes:
-        omega: Frequencies, ascending [rad/s].
-        combinations: Columns Y: shapes are Psi Y [1/sqrt(kg) per unit of Psi].
-        slowed: Frequencies of slowed modes before they were lowered to the limit [rad/s].
-    """
-
-    omega: Float[np.ndarray, " residual"]
-    combinations: Float[np.ndarray, "load residual"]
-    slowed: Float[np.ndarray, " slowed"]
-
-
 def residual_modes(
     flexibility: Float[np.ndarray, "load load"],
     mass: Float[np.ndarray, "load load"],
     whole: Float[np.ndarray, " load"],
     slowest_limit: float,
-) -> ResidualModes:
-    r"""Return the residual modes that follow from attachment modes Psi.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    r"""Return the residual modes of unit modal mass that belong to attachment modes Psi.
 
     A mode beyond the limit is slowed, $\omega_p \to s\omega_p$, $h_p \to sh_p$, which keeps its
     static contribution, $h_p^2/\omega_p^2$.
@@ -248,12 +234,16 @@ def residual_modes(
         whole: Flexibility of each load, including the kept modes [m/N]; flexibilities that are
             round-off relative to it are omitted.
         slowest_limit: Frequency above which modes are slowed [rad/s].
+
+    Returns:
+        Ascending frequencies [rad/s]; columns Y, of which the shapes are Psi Y [1/sqrt(kg) per
+        unit of Psi]; and frequencies of slowed modes before they were lowered to the limit [rad/s].
     """
     size = flexibility.shape[0]
     diagonal = np.diag(flexibility)
     present = np.flatnonzero(diagonal > _DEPENDENT * whole)
     if present.size == 0:
-        return ResidualModes(np.zeros(0), np.zeros((size, 0)), np.zeros(0))
+        return np.zeros(0), np.zeros((size, 0)), np.zeros(0)
     scale = 1 / np.sqrt(diagonal[present])
     pick = np.ix_(present, present)
     scaled = scale[:, None] * flexibility[pick] * scale
@@ -270,4 +260,4 @@ def residual_modes(
     beyond = reciprocals < slowest_limit**-2
     with np.errstate(divide="ignore"):
         slowed = 1 / np.sqrt(np.maximum(reciprocals[beyond], 0.0))
-    return ResidualModes(omega[order], combinations[:, order], np.sort(slowed))
+    return omega[order], combinations[:, order], np.sort(slowed)

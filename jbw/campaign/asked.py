@@ -20,7 +20,7 @@ from jbw.errors import ConfigError, did_you_mean
 from jbw.measurement.records import INPUTS, RESPONSES
 from jbw.report.messages import draft as messages
 
-LINE = re.compile(r"^(?P<off># )?(?P<key>\w+) = (?P<value>.+?)  # CHECK: (?P<why>.*)$")
+LINE = re.compile(r"^(# )?(\w+) = (.+?)  # CHECK: (.*)$")
 LISTS = ("band", "tones", "span")  # keys of a test whose value is a list of numbers
 SAID = {
     "kind": "kind of test",
@@ -105,7 +105,8 @@ def still_doubtful(text: str) -> Iterator[str]:
         if line.startswith("files = "):
             files = line.partition(" = ")[2].partition("  #")[0]
         if match := LINE.match(line):
-            yield f"{files}: {match['key']} = {match['value']}, {match['why']}"
+            _, key, value, why = match.groups()
+            yield f"{files}: {key} = {value}, {why}"
 
 
 def _questions(line: str) -> list[tuple[str, Callable[[str, str], str]]]:
@@ -113,18 +114,16 @@ def _questions(line: str) -> list[tuple[str, Callable[[str, str], str]]]:
     match = LINE.match(line)
     if match is None:
         return []
-    key, value = match["key"], match["value"]
+    off, key, value, why = match.groups()
     try:
         table = tomllib.loads(f"{key} = {value}")[key]
     except tomllib.TOMLDecodeError:
         return []
     if not isinstance(table, dict):
-        default = "leave it out" if match["off"] else _shown(table)
+        default = "leave it out" if off else _shown(table)
         question = SAID.get(key, key)
-        return [
-            (f"{question} ({match['why']}) [{default}]", lambda old, text: _value(old, key, text))
-        ]
-    roles = [role for role in table if re.search(rf"\b{role}\b", match["why"])]
+        return [(f"{question} ({why}) [{default}]", lambda old, text: _value(old, key, text))]
+    roles = [role for role in table if re.search(rf"\b{role}\b", why)]
     what = "unit" if key == "units" else "channel"
     return [
         (f"{what} of {role} [{table[role]}]", lambda old, text, role=role: _of(old, role, text))
@@ -149,7 +148,7 @@ def _value(line: str, key: str, answer: str) -> str:
 def _of(line: str, role: str, answer: str) -> str:
     """Return a line with one quantity's unit or channel replaced; other marks of doubt remain."""
     match = LINE.match(line)
-    body, why = (line, "") if match is None else (line.partition("  # CHECK: ")[0], match["why"])
+    body, why = (line, "") if match is None else (line.partition("  # CHECK: ")[0], match[4])
     key, _, value = body.partition(" = ")
     table = tomllib.loads(f"{key} = {value}")[key] | {role: answer}
     rest = re.sub(rf"(, )?\b{role}\b", "", why, count=1)

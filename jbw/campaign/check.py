@@ -36,8 +36,7 @@ from jbw.measurement.faults.examine import Examined, examined_decay, examined_sw
 from jbw.measurement.faults.fault import Fault, doubt, gathered, refusal, worst
 from jbw.measurement.faults.lag_of_noise import untimely
 from jbw.measurement.faults.long_records import DRIFTS, long_records
-from jbw.measurement.faults.loop_causes import loop_causes
-from jbw.measurement.faults.loops import one_sided, travels_freely
+from jbw.measurement.faults.loops import loop_causes, one_sided, travels_freely
 from jbw.measurement.faults.plausibility import doubts, swapped
 from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests
 from jbw.measurement.kinds import KINDS, Kind

@@ -100,9 +100,9 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
     elif not roles.keys().isdisjoint(INPUTS):
         roles.pop(BASE, None)  # the structure is moved by a force, not by its base
     roles = _of_a_curve(roles, series)
-    if "phase" in roles and not roles["phase"].unit:
-        turned = _in_degrees(series[roles["phase"].path])
-        roles["phase"] = roles["phase"]._replace(unit="deg" if turned else "")
+    if (phase := roles.get("phase")) is not None and not phase.unit:
+        turned = _in_degrees(series[phase.path])
+        roles |= {"phase": phase._replace(unit="deg" if turned else "")}
     if roles.keys().isdisjoint(RESPONSES) and {"frequency", "input"} <= set(roles):
         roles = _of_amplitudes(roles)
     unanswered = roles.keys().isdisjoint(RESPONSES)

@@ -25,7 +25,7 @@ from jbw.measurement.spans import start_of
 from jbw.measurement.steady_lines import without_lines
 from jbw.report.messages import remedies
 
-LINE = re.compile(r"`((\w+) = [^`]+)`(?: and `([^`]+)`)?")
+LINE = re.compile(r"`((\w+) = [^`]+)`(?:\sand\s`([^`]+)`)?")
 # Keys that only affect the examination and leave the samples unchanged.
 STATED = {"settle", "band", "delay", "load_cell", "periods"}
 OR = ", or "  # text that separates the alternatives of a remedy

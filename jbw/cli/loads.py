@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -66,17 +67,17 @@ def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
     return [value for value, _ in values]
 
 
-def require_alike(options: Mapping[str, Any], *, loads: bool, campaign: Path | None) -> None:
+def require_alike(options: SimpleNamespace, *, loads: bool, campaign: Path | None) -> None:
     """Raise an error if tests and other loads are requested together, or --base without a load."""
-    tests = any(options[name] for name in ("names", "sweep", "stepped", "tone")) or campaign
+    tests = options.names or options.sweep or options.stepped or options.tone or campaign
     if loads and tests:
         raise click.UsageError(messages.LOADS_OR_TESTS)
-    if options["base"] and not loads:
+    if options.base and not loads:
         raise click.UsageError(messages.BASE_NEEDS)
 
 
 def predict_loads(
-    folder: Path, basis: "Basis", inputs: Mapping[str, str], options: Mapping[str, Any], say: Any
+    folder: Path, basis: "Basis", inputs: Mapping[str, str], options: SimpleNamespace, say: Any
 ) -> None:
     """Predict the loads that the options request, save them, and print the results.
 
@@ -95,16 +96,13 @@ def predict_loads(
     from jbw.verification.predict import warnings_of
 
     load = Load(
-        drive=BASE if options["base"] else "force",
-        draws=options["draws"],
-        participation=options["participation"],
-        shape=options["shape"],
-        unit=options["unit"],
-    )
+        drive=BASE if options.base else "force", draws=options.draws,
+        participation=options.participation, shape=options.shape, unit=options.unit,
+    )  # fmt: skip
     load = load_on(basis, load)
-    if (profile := options["psd"]) is not None and profile.is_file():
+    if (profile := options.psd) is not None and profile.is_file():
         inputs = {**inputs, str(profile): hash_of(profile)}
-    with working(say, options["out"] or folder / "predictions") as job:
+    with working(say, options.out or folder / "predictions") as job:
         found: Found = {}
         parts = job.parts(inputs, say)
         for name, make in _loads(basis, load, options):
@@ -116,16 +114,17 @@ def predict_loads(
         rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
         say("Writing figures")
         save_loads(job.folder, found, rows, inputs.get("posterior.nc"))
-    says = [messages.contains(next(iter(found.values())).attrs)]
+    says = [messages.contains(**next(iter(found.values())).attrs)]
     place = f"Predictions: {job.folder / 'loads.nc'}"
-    if options["out"] is None and (folder / "report.html").is_file():
+    if options.out is None and (folder / "report.html").is_file():
         says.append(messages.in_report(str(folder)))
-    record = {"run": str(folder), "loads": rows, "warnings": list(dict.fromkeys(warnings))}
-    answer(options["json_"], record, load_table(rows), *says, saved=place)
+    plain = [row.plain() for row in rows]
+    record = {"run": str(folder), "loads": plain, "warnings": list(dict.fromkeys(warnings))}
+    answer(options.json_, record, load_table(rows), *says, saved=place)
 
 
 def _loads(
-    basis: "Basis", load: "Load", options: Mapping[str, Any]
+    basis: "Basis", load: "Load", options: SimpleNamespace
 ) -> "Iterator[tuple[str, Callable[[], xr.Dataset]]]":
     """Yield the name of every requested prediction, with the function that computes it."""
     from jbw.forced.profiles import read_profile
@@ -134,22 +133,22 @@ def _loads(
     from jbw.study.loads_in_time import random_of, shock_of
     from jbw.study.loads_of_sines import notch_of, resonance_of, response_curve_of
 
-    seen, band = measured_of(basis, load), options["response"]
-    stated = [quantity for some in options["levels"] for quantity in some]
+    seen, band = measured_of(basis, load), options.response
+    stated = [quantity for some in options.levels for quantity in some]
     levels = [in_unit(quantity, seen.source, "--level") for quantity in stated]
-    if (band is not None and not levels) or (options["notch"] and not (band and levels)):
+    if (band is not None and not levels) or (options.notch and not (band and levels)):
         raise click.UsageError(messages.RESPONSE_NEEDS)
     if band is not None:
         yield "resonance", partial(resonance_of, basis, levels, load)
         for level in levels:
             curve = partial(response_curve_of, basis, level, band, load)
             yield f"response at {level:.6g} {seen.source}", curve
-            for quantity in options["notch"] or ():
+            for quantity in options.notch or ():
                 limit = in_unit(quantity, seen.unit, "--notch")
                 notch = partial(notch_of, basis, level, limit, band, load)
                 yield f"notch of {level:.6g} {seen.source} at {limit:.6g} {seen.unit}", notch
-    if options["psd"] is not None:
-        profile = read_profile(options["psd"])
-        yield "random", partial(random_of, basis, profile, options["duration"], load)
-    if options["shock"] is not None:
-        yield "shock", partial(shock_of, basis, pulse_of(options["shock"]), load)
+    if options.psd is not None:
+        profile = read_profile(options.psd)
+        yield "random", partial(random_of, basis, profile, options.duration, load)
+    if options.shock is not None:
+        yield "shock", partial(shock_of, basis, pulse_of(options.shock), load)

@@ -15,7 +15,15 @@ from jbw.report.messages import planning
 from jbw.report.table import Column, Table, table
 
 if TYPE_CHECKING:
-    from jbw.planning.plan import CandidateRow, Combination, Expected, MeasurementPlan
+    from collections.abc import Sequence
+
+    from jbw.planning.plan import (
+        CandidateRow,
+        Combination,
+        Expected,
+        FleetDesign,
+        MeasurementPlan,
+    )
 
 
 @click.command()
@@ -116,7 +124,7 @@ def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
     answer(
         json_,
         {"torques": [low, high], "scatter": scatter, "designs": rows},
-        fleet_table(rows, scatter),
+        fleet_table(designs, scatter),
         planning.fleet_designs(
             (small.assemblies, small.levels), large.levels, large.slope / small.slope
         ),
@@ -124,14 +132,14 @@ def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
     )
 
 
-def fleet_table(rows: "list[dict[str, float]]", scatter: float) -> Table:
+def fleet_table(designs: "Sequence[FleetDesign]", scatter: float) -> Table:
     """Return the table of fleet designs with one line per design."""
     return table(
         planning.fleet_title(scatter),
-        rows,
-        Column("torques x assemblies", lambda row: f"{row['levels']} x {row['assemblies']}"),
-        Column("power of torque", lambda row: f"+-{scatter * row['slope']:.2g}"),
-        Column("new assembly", lambda row: f"+-{100 * scatter * row['new_unit']:.2g} %"),
+        designs,
+        Column("torques x assemblies", lambda row: f"{row.levels} x {row.assemblies}"),
+        Column("power of torque", lambda row: f"+-{scatter * row.slope:.2g}"),
+        Column("new assembly", lambda row: f"+-{100 * scatter * row.new_unit:.2g} %"),
     )
 
 

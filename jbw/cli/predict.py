@@ -1,9 +1,10 @@
 """The command that predicts tests and loads: `jbw predict DIR`."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -100,7 +101,7 @@ class FromTo(click.ParamType):
 @out_option("DIR/predictions")
 @json_option
 @outside_option
-def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
+def predict(folder: Path, campaign: Path | None, **stated: Any) -> None:
     """Predict tests from the finished run in DIR: 99 % bands, coverage, error.
 
     DIR may also be the folder of `jbw laws`: then all laws predict, each with its weight. Or it may
@@ -117,13 +118,14 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     --notch the level that keeps a response within a limit. loads.nc contains their bands,
     loads.json the results; each load has a CSV file and a figure.
     """
-    loads = any(options[name] is not None for name in LOADS)
+    options = SimpleNamespace(**stated)
+    loads = any(stated[name] is not None for name in LOADS)
     require_alike(options, loads=loads, campaign=campaign)
     with computing() as say:
         from jbw.campaign.gains import force_per_unit
         from jbw.campaign.load import load_campaign
         from jbw.law_comparison.stack import holds_laws
-        from jbw.population.folder import holds_population, require_same_torque
+        from jbw.population.basis import holds_population, require_same_torque
         from jbw.study.store import save_predictions
         from jbw.study.study import campaign_of, inputs_of
         from jbw.verification import predict as predicting
@@ -133,10 +135,10 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         if loads:
             return predict_loads(folder, basis, basis_inputs(folder), options, say)
         # Planned tests use the unit of the run's source, whatever gain the campaign states.
-        request = predicting.Request(options["draws"], not options["without_noise"])
+        request = predicting.Request(options.draws, not options.without_noise)
         requests = [(test, request) for test in _planned(basis, options)]
         inputs = basis_inputs(folder)
-        if campaign is None and (options["names"] or not requests):
+        if campaign is None and (options.names or not requests):
             if holds_laws(folder):
                 raise click.UsageError(
                     "Give --campaign, the campaign on which the laws were compared."
@@ -148,13 +150,13 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
             campaign = campaign_of(folder)
         if campaign is not None:
             say(f"Reading {campaign}")
-            loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
+            loaded = load_campaign(campaign, allow_outside=options.allow_outside)
             require_same_torque(folder, loaded.assembly.torque)
             of_units = replace(request, gain=force_per_unit(loaded))
             inputs |= inputs_of(loaded)
-            tests = predicting.chosen(loaded.tests, options["names"], "--test")
+            tests = predicting.chosen(loaded.tests, options.names, "--test")
             requests = [*((test, of_units) for test in tests), *requests]
-        with working(say, options["out"] or folder / "predictions") as job:
+        with working(say, options.out or folder / "predictions") as job:
             out, parts, predictions = job.folder, job.parts(inputs, say), {}
             for number, (test, test_request) in enumerate(requests):
                 say(f"Predicting {test.name}")
@@ -173,7 +175,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         how.insert(0, _of_population(require_same_torque(folder, None), requests))
     record = {"run": str(folder), "predictions": rows}
     place = f"Predictions: {out / 'predictions.nc'}"
-    answer(options["json_"], record, prediction_table(rows), *how, saved=place)
+    answer(options.json_, record, prediction_table(rows), *how, saved=place)
 
 
 def basis_inputs(folder: Path) -> dict[str, str]:
@@ -187,7 +189,7 @@ def basis_inputs(folder: Path) -> dict[str, str]:
 def basis_in(folder: Path) -> "Basis":
     """Return the basis of a folder's predictions: a run, compared laws, or a population."""
     from jbw.law_comparison.stack import basis_of_laws, holds_laws
-    from jbw.population.folder import basis_of_population, holds_population
+    from jbw.population.basis import basis_of_population, holds_population
     from jbw.study.study import basis_of_run
 
     if holds_laws(folder):
@@ -203,17 +205,17 @@ def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) ->
     return further_units(torque, of_units=of_units)
 
 
-def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":
+def _planned(basis: "Basis", options: SimpleNamespace) -> "Iterator[Test]":
     """Yield the planned, unmeasured tests that the options request, at each level."""
     from jbw.verification import planned
 
-    sweep, stepped, tone = (options[kind] for kind in ("sweep", "stepped", "tone"))
-    levels = bare(options["levels"])
+    sweep, stepped, tone = options.sweep, options.stepped, options.tone
+    levels = bare(options.levels)
     if any(quantity is not None for quantity in (sweep, stepped, tone)) != bool(levels):
         raise click.UsageError("--level goes with --sweep, --stepped, --tone or --response.")
     for level in levels:
         if sweep is not None:
-            yield planned.planned_sweep(basis, sweep, level, options["duration"], options["fs"])
+            yield planned.planned_sweep(basis, sweep, level, options.duration, options.fs)
         if stepped is not None:
             yield planned.planned_tones(basis, planned.steps(stepped), level)
         if tone is not None:

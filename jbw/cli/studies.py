@@ -41,9 +41,10 @@ if TYPE_CHECKING:  # these modules load pydantic
 @json_option
 @outside_option
 def compare(
-    source: Path, out: Path | None, json_: bool, allow_outside: bool, **options: Any
-) -> None:
-    """Compare samplers on one posterior; DIR is the folder of a finished run, or a campaign file.
+    source: Path, campaign: Path | None, once: bool, step: str, seed: int | None, out: Path | None,
+    json_: bool, allow_outside: bool, **options: Any,
+) -> None:  # fmt: skip
+    """Compare samplers on one posterior of the finished run in DIR, or of the campaign file DIR.
 
     The result gives for every parameter the mean, standard deviation and quantiles, with their
     distance from a reference in Monte Carlo standard errors (the reference is a quadrature, or the
@@ -59,14 +60,12 @@ def compare(
         from jbw.study.study import campaign_of, inputs_of, known_of, require_same_inputs
 
         path, summary, run_knowledge = source, RunSummary(), None
-        campaign, once = options.pop("campaign"), options.pop("once")
         if source.is_dir():
             path, summary, run_knowledge = campaign_of(source, campaign), *known_of(source)
         place = source if source.is_dir() else source.parent
-        with working(say, out or place / f"compare-{options['step']}") as job:
+        with working(say, out or place / f"compare-{step}") as job:
             folder = job.folder
-            if options["seed"] is None:
-                options["seed"] = summary.seed
+            options |= {"step": step, "seed": summary.seed if seed is None else seed}
             say(f"Reading {path}")
             loaded = load_campaign(path, allow_outside=allow_outside)
             require_same_inputs(loaded, summary)
@@ -168,8 +167,9 @@ def _distance(key: str, row: "SampledParameter") -> str:
 @json_option
 @outside_option
 def sbc(
-    source: Path | None, out: Path | None, json_: bool, allow_outside: bool, **options: Any
-) -> int:
+    source: Path | None, step: str, out: Path | None, json_: bool, allow_outside: bool,
+    **options: Any,
+) -> int:  # fmt: skip
     """Calibrate a step by simulation: do its intervals contain the true values as often as stated?
 
     True values are drawn from the prior, and data simulated from them are identified; the ranks of
@@ -183,14 +183,14 @@ def sbc(
         from jbw.lab import calibration
         from jbw.study.study import campaign_of, inputs_of
 
-        with working(say, out or Path(f"sbc-{options['step']}")) as job:
+        with working(say, out or Path(f"sbc-{step}")) as job:
             folder, campaign = job.folder, None
             if source is not None:
                 path = campaign_of(source) if source.is_dir() else source
                 say(f"Reading {path}")
                 campaign = load_campaign(path, allow_outside=allow_outside)
             parts = job.parts({} if campaign is None else inputs_of(campaign), say)
-            calibrated = calibration.sbc(campaign, report=say, parts=parts, **options)
+            calibrated = calibration.sbc(campaign, step=step, report=say, parts=parts, **options)
             calibration.save_sbc(folder, calibrated)
     verdict = calibrated.calibration.verdict.stored().replaced(answers={})
     shown = calibration_table(calibrated.result), *verdict_lines(verdict, passed=True)

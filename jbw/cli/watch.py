@@ -89,24 +89,26 @@ def watch(
 
             trend_at = partial(trend_of, read_fleet(fleet), report=say)
         wishes = Wishes(**wished)
-        watched = add(folder, files, wishes, campaign=campaign, trend_at=trend_at, say=say)
-        figure = watch_figure(watched.settings, watched.readings)
-        page = render_sheet(watch_sheet(folder.name, watched.settings, watched.readings), figure)
+        settings, readings, new_lines = add(
+            folder, files, wishes, campaign=campaign, trend_at=trend_at, say=say
+        )
+        figure = watch_figure(settings, readings)
+        page = render_sheet(watch_sheet(folder.name, settings, readings), figure)
         with writing(folder, "watch.png", "watch.html") as part:
             write_figure(part / "watch.png", figure)
             (part / "watch.html").write_text(page, encoding="utf-8")
-        several = len(watched.settings["amplitudes"]) > 1
-        if several and watched.settings["reference"] < FEW:
+        if len(settings.amplitudes) > 1 and settings.reference < FEW:
             say(messages.several_amplitudes(FEW))
-    stated = [reading for reading in watched.added if "statement" in reading]
+    stated = [line for line in new_lines if line.statement]
     # The last alarm is shown; without an alarm, the statement on the last record.
-    last = ([reading for reading in stated if reading["alarm"]] or stated)[-1:]
-    shown = watched.added or watched.readings
-    record = {"settings": watched.settings, "added": watched.added, "count": len(watched.readings)}
+    last = ([line for line in stated if line.alarm] or stated)[-1:]
+    shown = new_lines or readings
+    added = [line.plain() for line in new_lines]
+    record = {"settings": settings.plain(), "added": added, "count": len(readings)}
     answer(
-        json_, record, watch_table(watched.settings, shown), *(row["statement"] for row in last),
+        json_, record, watch_table(settings, shown), *(line.statement for line in last),
         saved=f"Watch: {folder / 'watch.jsonl'}, {folder / 'watch.html'}",
     )  # fmt: skip
-    if any(reading.get("alarm") for reading in watched.added):
+    if any(line.alarm for line in new_lines):
         return ALARM
-    return REFUSED if any(reading["kind"] == "refused" for reading in watched.added) else 0
+    return REFUSED if any(line.entry == "refused" for line in new_lines) else 0

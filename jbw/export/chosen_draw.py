@@ -1,7 +1,6 @@
 """The choice of the posterior draw that represents the joint in programs that take one joint."""
 
 from collections.abc import Mapping
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -22,26 +21,14 @@ ROUNDING = 1e-12  # relative tolerance for bands of zero width
 Bands = Mapping[str, NDArray[np.float64]]
 
 
-class ProductDraws(NamedTuple):
-    """A product of parameters that weak motion determines, with its values at all draws.
+def products_of(draws: Draws, laws: Laws) -> list[tuple[str, str, Float[np.ndarray, " draw"]]]:
+    """Return name, unit and values at every draw of the products that weak motion determines.
 
-    Attributes:
-        name: Name of the product, such as `alpha_delta`.
-        unit: Unit of the product.
-        values: Values of the product at every draw.
+    An example is `alpha_delta`; the products are those of all laws.
     """
-
-    name: str
-    unit: str
-    values: Float[np.ndarray, " draw"]
-
-
-def products_of(draws: Draws, laws: Laws) -> list[ProductDraws]:
-    """Return the products of parameters defined by all laws, evaluated at every draw."""
     products = (product for law in laws_named(laws) for product in law.products)
     return [
-        ProductDraws(product.name, product.quantity.unit, np.asarray(product.of(draws)))
-        for product in products
+        (product.name, product.quantity.unit, np.asarray(product.of(draws))) for product in products
     ]
 
 
@@ -84,8 +71,8 @@ def best_draw(
         laws: Laws of the joint.
     """
     candidates = np.isfinite(density)
-    for product in products_of(draws, laws):
-        candidates &= within(product.values, band(product.values))
+    for _, _, values in products_of(draws, laws):
+        candidates &= within(values, band(values))
     ranked = np.argsort(-np.where(candidates, density, -np.inf), kind="stable")
     tried = ranked[: min(NUM_TRIED, max(1, int(candidates.sum())))]
     inside = backbone_within(picked(draws, tried), amplitude, bands, laws)

@@ -155,7 +155,7 @@ def export(
         laws,
         linear_parts(theta, laws, mass),
         skeletons(exported, y_max, laws, mass)[0],
-        {product.name: float(product.values[0]) for product in products_of(exported, laws)},
+        {name: float(values[0]) for name, _, values in products_of(exported, laws)},
         mass,
         y_max,
     )
@@ -195,7 +195,7 @@ def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Expor
         materials=materials_of(theta, laws, mass, result.y_max),
         linear=linear_parts(theta, laws, mass),
         skeleton=skeleton,
-        products={product.name: float(product.values[0]) for product in products_of(draw, laws)},
+        products={name: float(values[0]) for name, _, values in products_of(draw, laws)},
     )
 
 

@@ -270,7 +270,7 @@ def _exports(
                 laws=laws,
                 linear=linear_parts(theta, laws, UNIT_MASS),
                 skeleton=_losing_at(table, hz, units.time),
-                products={p.name: float(p.values[0]) for p in products_of(draw, laws)},
+                products={name: float(values[0]) for name, _, values in products_of(draw, laws)},
                 mass=UNIT_MASS,
                 y_max=peak,
                 quantities=quantities,

@@ -15,13 +15,19 @@ Reference: J. B. Roberts and P. D. Spanos, Random Vibration and Statistical Line
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache, partial
+from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
+from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from jbw.errors import ModelError
-from jbw.forced.energy import Cycles, cycles, rule
 from jbw.forced.equivalent import EquivalentMotion, Values, wide
+from jbw.oscillator.oscillator import Oscillator
 
 # numbers of amplitudes in the result, and in the search for the largest amplitude
 NODES, COARSE = 48, 24
@@ -34,8 +40,25 @@ LEAST = 1e-3
 # densities in this range
 WIDTHS, UNEVEN = 4.0, 4.0
 HEAVY = 0.05  # damping ratio above which the energy changes too fast to be averaged
-
 Density = Callable[[Values], Values]
+PHASES = 24  # number of nodes per quarter of a cycle
+
+
+class Cycles(NamedTuple):
+    """Free vibration without losses at each amplitude, of shape (draw, amplitude).
+
+    Attributes:
+        energy: E per unit mass [m^2/s^2].
+        action: J per unit mass [m^2/s].
+        period: T [s].
+        mean_squares: Mean squares of displacement, velocity and acceleration over the cycle, of
+            shape (3, draw, amplitude).
+    """
+
+    energy: Values
+    action: Values
+    period: Values
+    mean_squares: Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +142,8 @@ class RandomResponse:
 
         Divided by the rate of all peaks, it is the exceedance distribution of the peaks.
         """
-        levels, rate = rule(self.y.shape[1]), self.weight / self.cycles.period
-        return np.sum(rate, -1, keepdims=True) - (rate / levels.weights) @ levels.integral.T
+        (_, weights, integral, _), rate = rule(self.y.shape[1]), self.weight / self.cycles.period
+        return np.sum(rate, -1, keepdims=True) - (rate / weights) @ integral.T
 
     def largest(self, duration: float) -> Values:
         """Return, for each draw, the median of the largest displacement [m] in a duration [s].
@@ -236,3 +259,52 @@ def _require_broad(found: RandomResponse) -> None:
             why="Averaging of the energy assumes a force that is flat across the resonance.",
             remedy="Simulate the motion by `jbw.simulate` with samples of the force.",
         )
+
+
+@cache
+def rule(count: int) -> tuple[Values, Values, Values, Values]:
+    """Return the nodes and weights of the Gauss-Legendre rule on [0, 1], and two matrices.
+
+    From values at the `count` nodes they give the integrals from 0 to each node, and derivatives.
+    """
+    nodes, weights = legendre.leggauss(count)
+    to_series = np.linalg.inv(legendre.legvander(nodes, count - 1))
+    series = np.eye(count)
+    integral = legendre.legval(nodes, legendre.legint(series, lbnd=-1)).T @ to_series
+    derivative = legendre.legval(nodes, legendre.legder(series)).T @ to_series
+    return 0.5 * (nodes + 1.0), 0.5 * weights, 0.5 * integral, 2.0 * derivative
+
+
+def cycles(motion: EquivalentMotion, y: Values) -> Cycles:
+    """Return energy, action, period and mean squares of motion at amplitudes y (draw, any) [m]."""
+    nodes, weights, integral, _ = rule(PHASES)
+    angle = 0.5 * np.pi * nodes
+    draw = np.repeat(np.arange(y.shape[0]), y.shape[1])
+    midline = motion.by_lanes(partial(_midlines, angle=angle), draw, y.ravel())
+    midline = midline.reshape(*y.shape, -1)
+    sine, cosine = np.sin(angle), np.cos(angle)
+    half_pi, length = 0.5 * np.pi, y[..., None]
+    work = half_pi * length * ((midline * sine) @ integral.T)
+    energy = half_pi * y * ((midline * sine) @ weights)
+    with np.errstate(invalid="ignore"):
+        v = np.sqrt(2.0 * work)
+    action = 4.0 * half_pi * y * ((v * sine) @ weights)
+    time = 4.0 * half_pi * length * weights * sine / v
+    period = np.sum(time, -1)
+    squares = ((length * cosine) ** 2, v**2, midline**2)
+    means = np.stack([np.sum(time * square, -1) / period for square in squares])
+    return Cycles(energy, action, period, means)
+
+
+@jax.jit
+def _midlines(
+    joint: Oscillator, y: Float[Array, " lane"], angle: Float[Array, " phase"]
+) -> Float[Array, "lane phase"]:
+    """Return the mean force of loading and unloading at y cos(angle), for each amplitude."""
+
+    def midline(joint: Oscillator, y: Array) -> Array:
+        to = y * jnp.cos(angle)
+        down, mirrored = jnp.split(joint.force_unloading(y, jnp.concatenate([to, -to])), 2)
+        return jnp.asarray(joint.k * to + 0.5 * (down - mirrored))
+
+    return jax.vmap(midline)(joint, y)

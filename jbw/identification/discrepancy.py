@@ -175,16 +175,18 @@ def outward(y: float | None, y_low: float, y_high: float) -> float:
 
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:
     """Return the model discrepancy that a run has stored."""
-    names, rests = map(str, found["kind"].values), found["rest"].values.tolist()
-    rests_beyond = (
-        found["rest_beyond"].values.tolist() if "rest_beyond" in found else [0.0] * len(rests)
-    )
-    pairs = zip(names, rests, rests_beyond, strict=True)
-    shares = {kind: Scatter(rest, 0, beyond) for kind, rest, beyond in pairs}
+    rests = found["rest"]
+    beyond = found.get("rest_beyond", xr.zeros_like(rests))
+    pairs = zip(rests.kind.values, rests.values.tolist(), beyond.values.tolist(), strict=True)
+    shares = {str(kind): Scatter(rest, 0, farther) for kind, rest, farther in pairs}
     forced, decays = (_missed_in(found.attrs[name]) for name in ("forced", "decays"))
-    y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])
     in_noise = bool(found.attrs.get("hidden_in_noise", 0))
-    return Discrepancy(forced, decays, shares, y_low, y_high, in_noise)
+    return Discrepancy(forced, decays, shares, *_range(found), in_noise)
+
+
+def _range(found: xr.Dataset) -> tuple[float, float]:
+    """Return the smallest and largest fitted displacement [m]."""
+    return float(found.attrs["y_low"]), float(found.attrs["y_high"])
 
 
 def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
@@ -230,7 +232,7 @@ def unscored_levels(found: xr.Dataset) -> str:
     """Return the reason (as a key) why predictions of other levels are not scored, or ""."""
     if not found.sizes["run"]:
         return "two runs" if found.attrs["num_runs"] > 1 else "one run"
-    y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])
+    y_low, y_high = _range(found)
     return "one level" if 0 < y_low <= y_high <= ONE_LEVEL * y_low else ""
 
 

@@ -15,7 +15,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from jbw.inference.posterior.finding import Amendment, Finding, usable_within
-from jbw.inference.posterior.summary import QUANTILES, evenly_spaced
+from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, shape_of
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
@@ -109,7 +109,7 @@ def response_finding(
         shift, added = map(np.asarray, _effects(theta, y, laws))
         responses[messages.frequency_at(y)] = (1 + shift) * theta["omega_n"]
         responses[messages.damping_at(y)] = theta["zeta"] + added
-    shape = posterior.sizes["chain"], posterior.sizes["draw"]
+    shape = shape_of(posterior)
     return bands_finding({name: np.reshape(values, shape) for name, values in responses.items()})
 
 

@@ -1,20 +1,24 @@
-"""The first fit of the joint to a dataset: its starting points, and the choice of the best."""
+"""The first fit of the joint to a dataset: its starting points, and the choice of the best.
+
+Starting points come from a fit to frequency and damping against amplitude, without simulation.
+"""
 
 import logging
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ModelError
 from jbw.identification.coordinates import box_of
-from jbw.identification.curve_fit import fit_curve, rows_of_curve
 from jbw.identification.stated_modes import unknown_signs, with_signs
 from jbw.identification.thresholds_crossed import log_evidence, other_sides
 from jbw.identification.uncertain_shapes import first_factors
@@ -24,10 +28,13 @@ from jbw.inference.fit.identifiability import WeakDirection
 from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
+from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import by_secant, of_part, plain, told_by
 from jbw.oscillator.modes.assembled import is_assembled
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.steady.backbone import backbone
 from jbw.parts import Parts, unkept
 from jbw.quantities import MODAL, STUCK, motion_factors_in
 from jbw.report.messages import stages as messages
@@ -46,6 +53,9 @@ ROUNDS = ((11, 8), (4, 12), (2, 60))
 EXPLAINED = 1.2
 # parameters that frequency and damping against amplitude do not determine
 BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}
+STARTS = 8
+# relative errors of frequency and damping, in place of those that a curve states
+FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03
 
 
 def first_fit(
@@ -235,3 +245,60 @@ def points_at(
     """Return the parameters at steps from a fit, moved into the prior bounds."""
     columns = (list(best.theta.values()) + steps).T
     return inside(dict(zip(best.theta, columns, strict=True)), prior)
+
+
+class WhiteRows(NamedTuple):
+    """Stiffness and loss at each amplitude, with the matrix that normalises their errors.
+
+    Attributes:
+        y: Amplitudes [m].
+        values: All omega^2, then all 2 zeta omega^2, divided by `unit`.
+        white: Inverse Cholesky factor of the covariance of the values.
+        unit: Mean of omega^2 [rad^2/s^2].
+    """
+
+    y: Float[Array, " amplitude"]
+    values: Float[Array, " row"]
+    white: Float[Array, "row row"]
+    unit: float
+
+
+def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
+    """Return a curve's stiffness and loss; their errors are 2e-4, and 3 % of the largest loss."""
+    square = curve.omega**2
+    unit = float(np.mean(square))
+    stiffness, loss = square / unit, 2 * curve.zeta * square / unit
+    std = np.append(2 * FREQUENCY_STD * stiffness, np.full(len(loss), DAMPING_STD * np.max(loss)))
+    rows = curve.y, np.append(stiffness, loss), np.diag(1 / std)
+    y, values, white = jax.device_put(rows)
+    return WhiteRows(y, values, white, unit)
+
+
+class CurveMisfit(eqx.Module):
+    r"""The errors of laws in stiffness and loss against amplitude, in standard deviations.
+
+    $$\omega(Y)^2 = k + \sum_l K_l(Y), \qquad
+      2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$
+
+    K and C are those of the laws' steady loops. Instances with equal laws are equal, so that
+    compiled code is reused.
+    """
+
+    laws: tuple[str, ...] = eqx.field(static=True)
+
+    def __call__(self, theta: Mapping[str, Array], seen: WhiteRows) -> Float[Array, " row"]:
+        """Return the normalised errors of stiffness and loss at all amplitudes."""
+        model = backbone(oscillator_of(theta, self.laws), seen.y)
+        stiffness = model.omega**2 / seen.unit
+        made = jnp.concatenate([stiffness, 2 * model.zeta * stiffness])
+        return seen.white @ (seen.values - made)
+
+
+def fit_curve(key: Key[Array, ""], laws: tuple[str, ...], prior: Box, rows: WhiteRows) -> Fit:
+    """Fit laws to stiffness and loss against amplitude, from starts over the whole prior.
+
+    Raises:
+        ModelError: None of the starts has a steady loop.
+    """
+    starts = parameters_at(generator(key).random((STARTS, len(prior.names))), prior)
+    return costly_fit(CurveMisfit(laws), prior, rows, starts=starts)

@@ -4,6 +4,7 @@ from collections.abc import Container, Sequence
 
 import xarray as xr
 
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.measurement.records import INPUTS, Test, drive_of
 from jbw.observables.drives import named
 from jbw.quantities import gain_unit
@@ -37,7 +38,7 @@ def gain_units(tests: Sequence[Test], names: Container[str]) -> dict[str, str]:
 
 def with_gain_units(tree: xr.DataTree, tests: Sequence[Test]) -> xr.DataTree:
     """Return a posterior whose gains have the units of the tests' sources."""
-    draws = tree["posterior"].to_dataset()
+    draws = posterior_draws(tree)
     units = gain_units(tests, draws)
     gains = {name: draws[name].assign_attrs(units=unit) for name, unit in units.items()}
     return tree.assign(posterior=xr.DataTree(draws.assign(gains)))

@@ -26,6 +26,7 @@ from jaxtyping import Float
 from jbw.campaign.tables import Instruments
 from jbw.identification.joint import law_variables
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.summary import shape_of
 from jbw.measurement.records import INPUTS, RESPONSES, Test
 from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.drives import plain
@@ -166,7 +167,7 @@ def with_instruments(
         best: The fit, needed with `data` for a stated gain; else None.
         data: The fitted dataset, needed with `best`.
     """
-    shape = posterior.sizes["chain"], posterior.sizes["draw"]
+    shape = shape_of(posterior)
     factors = factors_of(np.random.default_rng((seed, 36)), shape, stated, sensors)
     scaled = with_factors(posterior, factors, () if data is None else data.laws)
     moved = by_stated_gain(best, data) if best is not None and data is not None else {}

@@ -32,6 +32,7 @@ from jbw.identification.step import attrs
 from jbw.identification.widening import widened
 from jbw.inference.fit.valley import about_valley
 from jbw.inference.generator import parts_of
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.inference.posterior.verdict import enough
 from jbw.inference.samplers.chunked_run import Keep, Until, no_checkpoint
 from jbw.inference.samplers.ladder import ROUNDS, Places, Sizes, climb
@@ -83,7 +84,7 @@ class JointPosterior:
     @property
     def draws(self) -> xr.Dataset:
         """The draws of every parameter, with dimensions (chain, draw)."""
-        return self.tree["posterior"].to_dataset()
+        return posterior_draws(self.tree)
 
     @property
     def held(self) -> dict[str, float]:
@@ -265,7 +266,7 @@ def are_enough(
 
 def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.DataTree:
     """Add noise levels, the laws' parameters and their products to a posterior."""
-    posterior = tree["posterior"].to_dataset()
+    posterior = posterior_draws(tree)
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     derived = draw_noise_std(key, every_parameter(posterior, data), terms, data)
     derived |= law_variables(posterior, data)

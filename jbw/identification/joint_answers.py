@@ -10,7 +10,7 @@ fully stuck joints.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -218,9 +218,7 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
         is_free = bool(of_mode["shape_is_free"])
         sentences.append(messages.all_joints(name, change, damping, is_free=is_free))
         sentences += _who_damps(int(mode), of_mode)
-    identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
-    named = ", ".join(str(joint) for joint, is_identified in identified.items() if is_identified)
-    if named:
+    if named := ", ".join(name for name, is_identified in _by_joint(group) if is_identified):
         sentences.append(messages.identified(named))
     return sentences + _shape_words(group)
 
@@ -250,12 +248,17 @@ def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
     return [messages.damped_by(mode, joint, middle[first], low[first], high[first])]
 
 
+def _by_joint(group: xr.Dataset) -> Iterator[tuple[str, bool]]:
+    """Yield each joint's name, and whether it is identified."""
+    of_joints = group["identified"]
+    return zip(of_joints.joint.values.astype(str), of_joints.values, strict=True)
+
+
 def joints_finding(group: xr.Dataset | None) -> Finding | None:
     """Return the finding on whether each joint is identified; None for a single joint."""
     if group is None:
         return None
-    identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
-    unknown = [str(joint) for joint, is_identified in identified.items() if not is_identified]
+    unknown = [name for name, is_identified in _by_joint(group) if not is_identified]
     status = "usable" if unknown else "ok"
     return Finding("unidentified_joints", status, {"joints": unknown}, float(len(unknown)))
 

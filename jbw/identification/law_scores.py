@@ -25,6 +25,7 @@ from jbw.identification.evidence import Candidate, likelihood_at, place_of
 from jbw.identification.held_out import HeldOut, held_out, labels_by_run
 from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.lanes import at_points
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers import amis
 from jbw.inference.samplers.amis import WeighedPoints
@@ -130,7 +131,7 @@ def _by_draws(
     tree: xr.DataTree, names: Sequence[str], data: Dataset, rest: Dataset
 ) -> tuple[float, float] | None:
     """Return held-out groups' log predictive density [nats] and k-hat, from the draws, or None."""
-    posterior = tree["posterior"].to_dataset()
+    posterior = posterior_draws(tree)
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     terms = terms.reshape(-1, terms.shape[-1])
     times = _told_by_terms(data, rest)

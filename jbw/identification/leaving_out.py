@@ -180,8 +180,9 @@ def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[st
 
 def left_out_sentence(left_out: xr.Dataset) -> str:
     """Return the sentence on how well each run is predicted from the others."""
-    errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
-    proviso = messages.WITH_FREQUENCY * left_out["error"].attrs.get("own_frequency", 0)
+    of_runs = left_out["error"]
+    errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in of_runs]
+    proviso = messages.WITH_FREQUENCY * of_runs.attrs.get("own_frequency", 0)
     return messages.each_session(proviso, errors, identified_alone(left_out["wider"]))
 
 
@@ -311,12 +312,12 @@ def between_finding(between: xr.Dataset) -> Finding:
     count = between.sizes["record"]
     scatter, error = between["scatter"].values, between["std_of_all"].values
     wide = np.sqrt(error**2 + scatter**2 / count)
-    sure = between["probability"].values < BY_CHANCE / between.sizes["quantity"]
+    names = [str(name) for name in between["quantity"].values]
+    sure = between["probability"].values < BY_CHANCE / len(names)
     if not np.any(sure & (wide > MATTERS * error)):
-        agreed = {"count": count, "names": between["quantity"].values.tolist()}
+        agreed = {"count": count, "names": names}
         return Finding("records_apart", "ok", agreed, 0.0)
     worst = int(np.argmax(np.where(sure, scatter, 0.0)))
-    names = [str(name) for name in between["quantity"].values]
     values = {
         "count": count,
         "name": names[worst],

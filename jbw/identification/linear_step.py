@@ -183,6 +183,10 @@ def modes_dataset(step: LinearStep) -> xr.Dataset | None:
         return None
     num, unit = len(fit.omega), gain_unit(step.source_unit)
     std = fit.std
+    keep = lines_within(step.frf.freq, fit.band_hz)
+    freq = step.frf.freq[keep]
+    model = model_lines(fit, 2 * np.pi * freq)[0]
+    receptance = {"units": per("m", step.source_unit)}
     variables: dict = {
         "omega": ("mode", fit.omega, {"units": "rad/s"}),
         "omega_sd": ("mode", std[:num], {"units": "rad/s"}),
@@ -191,17 +195,15 @@ def modes_dataset(step: LinearStep) -> xr.Dataset | None:
         "residue": ("mode", fit.residues[:, 0], {"units": unit}),
         "residue_sd": ("mode", std[2 * num :], {"units": unit}),
         "covariance": (("value", "other"), fit.covariance, {"units": "1"}),
+        "h_magnitude": ("freq", np.abs(step.frf.h[keep]), receptance),
+        "fit_magnitude": ("freq", np.abs(model), receptance),
     }
-    keep = lines_within(step.frf.freq, fit.band_hz)
-    freq = step.frf.freq[keep]
-    model = model_lines(fit, 2 * np.pi * freq)[0]
-    receptance = {"units": per("m", step.source_unit)}
-    variables["h_magnitude"] = ("freq", np.abs(step.frf.h[keep]), receptance)
-    variables["fit_magnitude"] = ("freq", np.abs(model), receptance)
     if fit.diagram is not None:
-        variables["pole_order"] = ("pole", fit.diagram.order, {"units": "1"})
-        variables["pole_omega"] = ("pole", fit.diagram.omega, {"units": "rad/s"})
-        variables["pole_zeta"] = ("pole", fit.diagram.zeta, {"units": "1"})
-        variables["pole_is_stable"] = ("pole", fit.diagram.is_stable, {"units": "1"})
+        variables |= {
+            "pole_order": ("pole", fit.diagram.order, {"units": "1"}),
+            "pole_omega": ("pole", fit.diagram.omega, {"units": "rad/s"}),
+            "pole_zeta": ("pole", fit.diagram.zeta, {"units": "1"}),
+            "pole_is_stable": ("pole", fit.diagram.is_stable, {"units": "1"}),
+        }
     attrs = {"test": step.test.name, "misfit": float(fit.misfit[0])}
     return xr.Dataset(variables, {"freq": ("freq", freq, {"units": "Hz"})}, attrs)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Key
+from jaxtyping import Array, Key
 
 from jbw.campaign.joints import Starts, starts_of
 from jbw.errors import JbwError
@@ -50,14 +50,6 @@ class Readings(NamedTuple):
     statements: tuple[str, ...]
 
 
-class _Reading(NamedTuple):
-    """The softening s and the loop opening o that one mode determines, with errors and slip."""
-
-    value: Float[np.ndarray, " product"]
-    std: Float[np.ndarray, " product"]
-    slip: float
-
-
 NOTHING = Readings({}, ())
 
 
@@ -73,7 +65,7 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
     weakest = _weakest(modes, seen.swept)
     if len(weakest) < len(seen.laws):
         return NOTHING
-    read: dict[int, _Reading] = {}
+    read: dict[int, tuple[np.ndarray, np.ndarray, float]] = {}
     for i, test in weakest.items():
         under_way.info("mode %d alone", i + 1)
         try:
@@ -85,10 +77,9 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
     if len(read) < len(seen.laws):
         return NOTHING
     hz = [modes.hz[i] for i in read]
-    values, stds = (np.array([getattr(reading, name) for reading in read.values()]) for name in
-                    ("value", "std"))  # fmt: skip
+    values, stds, slips = map(np.array, zip(*read.values(), strict=True))
     starts = [starts_of(joints, hz, values[:, k], stds[:, k]) for k in range(2)]
-    is_weak = max(reading.slip for reading in read.values()) <= WEAK
+    is_weak = max(slips) <= WEAK
     is_tested = is_weak and not modes.uncertain
     statements = _statements(starts, len(read)) if is_tested else ()
     return Readings(_known(starts, seen.laws, modes), statements)
@@ -115,8 +106,13 @@ def _source(test: Test) -> np.ndarray:
     return np.asarray(record.channels[record.source])
 
 
-def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: Modes) -> _Reading:
-    """Fit one law to a sweep through a mode; return alpha delta |c| and alpha gamma |c|."""
+def _reading(
+    key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: Modes
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Fit one law to a sweep through a mode; return its two products, their errors and its slip.
+
+    The products are s = alpha delta |c| and o = alpha gamma |c|.
+    """
     numbers = dict(modes.numbers)
     c = numbers[seen_name(mode + 1)]
     gain = None if drive_of(test) in FED else numbers[numbered(PUSH, mode + 1)] * c
@@ -130,7 +126,7 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
         np.array(list(by_name.values())) for by_name in to_first_order(_products, ready.fit)
     )
     slip = float(BoucWenLaw.of(ready.fit.theta).slip(ready.y_peak))
-    return _Reading(abs(c) * products, abs(c) * std, slip)
+    return abs(c) * products, abs(c) * std, slip
 
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:

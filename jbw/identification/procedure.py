@@ -172,10 +172,8 @@ def _opening(
         means = means_of(step3.draw(keys[1], third_order, request))
     report(stages.STEP_4)
     records = Records.of(seen.sweeps.fitted, substeps=seen.settings.substeps)
-    start = step4.fit_opening(keys[2], records, linear, means, seen.settings)
-    return Posterior(
-        "opening", step4.log_likelihood, start.box, start.curve, start.fit, stepped=False
-    )
+    curve, best, prior, _ = step4.fit_opening(keys[2], records, linear, means, seen.settings)
+    return Posterior("opening", step4.log_likelihood, prior, curve, best, stepped=False)
 
 
 def _joint(key: Key[Array, ""], seen: Measured, run_knowledge: Known, report: Report) -> Posterior:

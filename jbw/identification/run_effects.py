@@ -18,7 +18,6 @@ Reference:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -370,18 +369,11 @@ def runs_sentence(runs: xr.Dataset) -> str:
     return messages.population_mean(scatters)
 
 
-class Slope(NamedTuple):
-    """A slope with its standard error, and the probability that chance causes it."""
-
-    value: float
-    std: float
-    p: float
-
-
-def slope_of(x: Values, offset: Values, std: Values) -> Slope:
+def slope_of(x: Values, offset: Values, std: Values) -> tuple[float, float, float]:
     """Fit a slope by weighted least squares to offsets that vary beyond their errors.
 
-    With equal errors it is the ordinary least-squares slope.
+    With equal errors it is the ordinary least-squares slope. The result is the slope, its standard
+    error, and the probability of such a slope by chance.
     """
     weight = 1 / (std**2 + _scatter_of_offsets(offset, std))
     middle = np.average(x, weights=weight)
@@ -390,7 +382,7 @@ def slope_of(x: Values, offset: Values, std: Values) -> Slope:
     residual = offset - np.average(offset, weights=weight) - value * (x - middle)
     dof = len(x) - 2
     error = float(np.sqrt(np.sum(weight * residual**2) / dof / spread))
-    return Slope(value, error, float(2 * stats.t.sf(abs(value) / error, dof)))
+    return value, error, float(2 * stats.t.sf(abs(value) / error, dof))
 
 
 def _scatter_of_offsets(offset: Values, std: Values) -> float:
@@ -412,16 +404,12 @@ def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
         name: slope_of(x, shifts.offset[indices, i], shifts.std[indices, i])
         for i, name in enumerate(OFFSETS)
     }
-    worst = min(slopes, key=lambda name: slopes[name].p)
-    return _trend(worst, slopes[worst], len(indices), data)
-
-
-def _trend(name: str, slope: Slope, count: int, data: Dataset) -> Finding:
-    goes = slope.p < TREND_BY_CHANCE
+    name = min(slopes, key=lambda name: slopes[name][-1])
+    slope, error, p = slopes[name]
     scale, unit = (1 / (2 * np.pi), "Hz") if name == "omega_n" else (100.0, "% of critical damping")
     values = {
-        "quantity": QUANTITY_NAMES[name], "count": count, "change": scale * slope.value,
-        "std": scale * slope.std, "unit": unit, "p": slope.p,
+        "quantity": QUANTITY_NAMES[name], "count": len(indices), "change": scale * slope,
+        "std": scale * error, "unit": unit, "p": p,
     }  # fmt: skip
     remedy = {"another_law": another_law(data.laws)}
-    return checked("level_trend", not goes, values, slope.p, remedy)
+    return checked("level_trend", p >= TREND_BY_CHANCE, values, p, remedy)

@@ -10,6 +10,7 @@ import xarray as xr
 from jbw.campaign.settings import MOST_MODES
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding, Verdict, judge
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.inference.space.box import Box
 from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.oscillator.modes.parameters import own_quantities
@@ -56,7 +57,7 @@ class Step:
 
 def means_of(tree: xr.DataTree) -> dict[str, float]:
     """Return the posterior means of all variables by name."""
-    group = tree["posterior"].to_dataset()
+    group = posterior_draws(tree)
     return {str(name): float(draws.mean()) for name, draws in group.data_vars.items()}
 
 

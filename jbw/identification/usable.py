@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
-from typing import NamedTuple
 
 from jbw.campaign.gains import Gain, gain_of
 from jbw.campaign.settings import Identify
@@ -15,30 +14,16 @@ from jbw.observables.register import taking
 from jbw.report.messages import posterior as messages
 
 
-class UsableTests(NamedTuple):
-    """The tests that can be fitted, and the reasons why others cannot.
-
-    Attributes:
-        tests: The usable tests.
-        left_out: One sentence for each test that cannot be converted.
-        line_fit: The trial of Step 2; None if there is none, or it was not tried.
-    """
-
-    tests: tuple[Test, ...]
-    left_out: tuple[str, ...] = ()
-    line_fit: TriedStep | None = None
-
-
 def usable(
     tests: Sequence[Test], settings: Identify, gain: Gain = None, *, several_modes: bool = False
-) -> UsableTests:
-    """Return the tests that can be fitted, and sentences on the tests that cannot.
+) -> tuple[tuple[Test, ...], tuple[str, ...], TriedStep | None]:
+    """Return the tests that can be fitted, a sentence on each other test, and the trial of Step 2.
 
     If the settings are `strict`, or no test can be used, all tests are returned, so that the error
     that follows gives the reason. With several modes at the joint there is no Step 2.
     """
     if settings.strict:
-        return UsableTests(tuple(tests))
+        return tuple(tests), (), None
     refused = {test.name: why for test in tests if (why := _refusal(test, settings))}
     line_fit = None
     while (noise := _linear(tests, refused)) is not None and not several_modes:
@@ -49,12 +34,12 @@ def usable(
         else:
             break
     if len(refused) == len(tests):
-        return UsableTests(tuple(tests))
+        return tuple(tests), (), None
     accepted = tuple(test for test in tests if test.name not in refused)
     sentences = (
         messages.test_left_out(name, " ".join(why.split())) for name, why in refused.items()
     )
-    return UsableTests(accepted, tuple(sentences), line_fit)
+    return accepted, tuple(sentences), line_fit
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,7 +128,7 @@ def line_errors(
     offset = np.arange(-HALF_WIDTH * per_bin, HALF_WIDTH * per_bin + 1) / per_bin
     near = frf.omega[:, None] + 2 * np.pi * offset / frf.window_s
     responses = [
-        _Response.of(output, output_modes, near, leakage)
+        _response(output, output_modes, near, leakage)
         for output, output_modes in zip(outputs, modes, strict=True)
     ]
     step = 1 - frf.noverlap / frf.nperseg
@@ -164,22 +163,16 @@ def line_errors(
     return LineErrors(hermitian, symmetric)
 
 
-class _Response(NamedTuple):
-    """The response of one output near every spectral line, and its windowed mean."""
-
-    near: Complex
-    mean: Complex | None
-
-    @classmethod
-    def of(cls, frf: FRF, modes: Modes, near: Real, leakage: bool) -> "_Response":
-        order = derivative_order(frf.response)
-        h = sum(receptance(near, *mode) for mode in modes) * (1j * near) ** order
-        means = (smeared(frf.omega, *mode, frf.window_s, order) for mode in modes)
-        return cls(h, sum(means) if leakage else None)  # pyright: ignore
+def _response(frf: FRF, modes: Modes, near: Real, leakage: bool) -> tuple[Complex, Complex | None]:
+    """Return one output's response near every line, and its windowed mean if there is leakage."""
+    order = derivative_order(frf.response)
+    h = sum(receptance(near, *mode) for mode in modes) * (1j * near) ** order
+    means = (smeared(frf.omega, *mode, frf.window_s, order) for mode in modes)
+    return h, sum(means) if leakage else None  # pyright: ignore[reportReturnType]
 
 
 def _by_neighbour(
-    mine: _Response, theirs: _Response, kernels: Complex
+    mine: tuple[Complex, Complex | None], theirs: tuple[Complex, Complex | None], kernels: Complex
 ) -> tuple[Complex, Complex, Complex]:
     """Return the covariance of the errors of lines i and i + q, from leakage and force noise.
 
@@ -192,15 +185,15 @@ def _by_neighbour(
     def along(near: Complex | Real, weights: Complex) -> Complex:
         return np.moveaxis((near @ weights).reshape(len(near), len(kernels), -1), 1, 0)
 
-    same = mine is theirs
-    power = np.abs(mine.near) ** 2 if same else mine.near * theirs.near.conj()
+    (my_near, my_mean), (their_near, their_mean) = mine, theirs
+    power = np.abs(my_near) ** 2 if mine is theirs else my_near * their_near.conj()
     through = along(power, flat)
-    if mine.mean is None or theirs.mean is None:
+    if my_mean is None or their_mean is None:
         return np.zeros_like(through), through, np.zeros_like(through)
-    shifted = [np.roll(theirs.mean, NEIGHBOURS - i) for i in range(len(kernels))]
-    here, neighbour = mine.mean[:, None], np.array(shifted)[..., None]
+    shifted = [np.roll(their_mean, NEIGHBOURS - i) for i in range(len(kernels))]
+    here, neighbour = my_mean[:, None], np.array(shifted)[..., None]
     white = kernels.sum(axis=1)[:, None, :]
-    ahead, behind = along(mine.near, flat), along(theirs.near, flat.conj())
+    ahead, behind = along(my_near, flat), along(their_near, flat.conj())
     leak = (
         through - neighbour.conj() * ahead - here * behind.conj() + here * neighbour.conj() * white
     )

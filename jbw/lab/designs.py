@@ -152,8 +152,9 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
     linear = _linear(campaign)
     means = _kernel_fit(campaign, linear).fit.theta
     records = Records.of(sweeps.fitted, substeps=campaign.settings.substeps)
-    fitted = step4.fit_opening(jax.random.key(0), records, linear.pooled, means, campaign.settings)
-    return Design(_timed(records), fitted.box, fitted.held)
+    key, pooled = jax.random.key(0), linear.pooled
+    _, _, prior, held = step4.fit_opening(key, records, pooled, means, campaign.settings)
+    return Design(_timed(records), prior, held)
 
 
 def joint_of(campaign: Campaign, report: Report) -> Design[Records]:

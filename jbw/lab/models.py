@@ -27,7 +27,13 @@ from jbw.identification.paper.step4 import OpeningCurve, opening_curve
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
 from jbw.identification.windowed import receptance
 from jbw.inference.calibration.record import Calibration, judged
-from jbw.inference.calibration.replications import LOG_LIKELIHOOD, Model, Quantity, ranked
+from jbw.inference.calibration.replications import (
+    LOG_LIKELIHOOD,
+    NUM_RANKS,
+    Model,
+    Quantity,
+    ranked,
+)
 from jbw.inference.fit.locate import Search
 from jbw.inference.generator import generator
 from jbw.inference.space.box import Box, Product, from_unit, value_of
@@ -46,7 +52,6 @@ from jbw.rig.law_forces import forces_of
 WHERE = 0.55  # fraction of a record after which a sweep has just passed the resonance
 LOT = 100  # number of replications of Step 2 (FRF fit) per progress message
 DRAWS = (4, 250)  # numbers of chains and of draws per chain in Step 2 (FRF fit)
-NUM_RANKS = 100  # number of ranks in Step 2 (FRF fit)
 STEPS = 8  # number of Runge-Kutta steps between two samples
 
 
@@ -148,7 +153,7 @@ def calibrate_linear(
         rows += parts(f"replications from {first}", lot)
         report(len(rows))
     keys = jax.random.split(jax.random.fold_in(key, num_replications), num_replications)
-    rank = jax.jit(jax.vmap(partial(ranked, num_ranks=NUM_RANKS)))
+    rank = jax.jit(jax.vmap(ranked))
     ranks = rank(keys, *(jnp.array(column) for column in zip(*rows, strict=True)))
     return judged((*NAMES, LOG_LIKELIHOOD), ranks, NUM_RANKS)
 

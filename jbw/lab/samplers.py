@@ -1,6 +1,7 @@
 """The comparison of samplers on one posterior of a campaign: `jbw.compare`."""
 
 import logging
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -18,7 +19,7 @@ from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import measured_in
 from jbw.identification.procedure import Known, Posterior, Report, posterior_of
 from jbw.identification.step import attrs
-from jbw.inference.posterior.summary import diagnose
+from jbw.inference.posterior.summary import diagnose, posterior_draws, shape_of
 from jbw.inference.posterior.verdict import converged, verdict
 from jbw.inference.samplers.chunked_run import SoFar, Supervision
 from jbw.inference.samplers.register import SAMPLERS, sampler_named
@@ -235,9 +236,8 @@ def _row(
 ) -> dict[str, Any]:
     attrs, ess = sample.tree.attrs, worst_ess(rows)
     judged = verdict(sample.tree, posterior.box)
-    sizes = sample.tree["posterior"].to_dataset().sizes
     return {
-        "draws": int(sizes["chain"] * sizes["draw"]),
+        "draws": math.prod(shape_of(posterior_draws(sample.tree))),
         "ess": ess,
         "num_evaluations": int(attrs["num_evaluations"]),
         "wall_cold_s": round(sample.cold_s, 4),

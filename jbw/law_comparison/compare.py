@@ -37,7 +37,7 @@ from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.tied_joints import trials_at_joints
 from jbw.inference.compiled import forget_when_many
-from jbw.inference.posterior.summary import evenly_spaced, scalars
+from jbw.inference.posterior.summary import evenly_spaced, posterior_draws, scalars
 from jbw.inference.space.box import require_float64
 from jbw.inference.thresholds import BEYOND
 from jbw.law_comparison.answers import compared_rows, statements
@@ -256,7 +256,7 @@ def _fitted_names(candidate: Candidate) -> tuple[str, ...]:
 def _offsets(key: Key[Array, ""], law: Weighed) -> xr.Dataset | None:
     """Return the run offsets of omega_n and zeta under a law; None without such offsets."""
     fitted = law.candidate.fitted
-    return runs_dataset(key, law.draws["posterior"].to_dataset(), fitted.box.names, fitted.data)
+    return runs_dataset(key, posterior_draws(law.draws), fitted.box.names, fitted.data)
 
 
 def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, StoredLaw]:
@@ -337,7 +337,7 @@ def _scores(
             "line": (
                 "run",
                 [lines.get(run, np.nan) for run in runs],
-                {"units": "1", "long_name": messages.VARIABLES["line"]},
+                {"units": "1", "long_name": messages.ERROR_OF_LINEAR},
             ),
         },
         {"law": list(held_out), "run": list(runs)},
@@ -364,13 +364,13 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
 
 def _hopeless(rows: Mapping[str, StoredLaw]) -> tuple[str, list[bool], dict[str, str]]:
     """Return a labelled array that states which laws are judged by their fits alone."""
-    attrs = {"long_name": messages.VARIABLES["hopeless"]}
+    attrs = {"long_name": messages.FIT_ALONE}
     return "law", [row.hopeless for row in rows.values()], attrs
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
     """Return evenly spaced draws of all parameters by name; fixed parameters are repeated."""
-    posterior = tree["posterior"].to_dataset()
+    posterior = posterior_draws(tree)
     chosen = evenly_spaced(posterior, NUM_DRAWS)
     theta = {name: np.ravel(values)[chosen] for name, values in scalars(tree).items()}
     held = {name: np.full(len(chosen), value) for name, value in _held(data).items()}
@@ -456,7 +456,7 @@ def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
 def row_of(weighed: Weighed) -> StoredLaw:
     """Return those numbers of a law that are stored."""
     candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
-    names, posterior = candidate.fitted.box.names, tree["posterior"].to_dataset()
+    names, posterior = candidate.fitted.box.names, posterior_draws(tree)
     every = every_parameter(posterior, candidate.fitted.data)
     row = {
         "laws": list(candidate.laws),
@@ -590,7 +590,7 @@ def held_out_errors(
         {
             "error": (dims, error, {"units": "1", "long_name": "error over rms"}),
             "extrapolation": (dims, reach, {
-                "units": "1", "long_name": messages.VARIABLES["extrapolation"]}),
+                "units": "1", "long_name": messages.EXTRAPOLATION}),
         },
         {"law": list(laws), "test": [test.name for test in tests]},
     )  # fmt: skip

@@ -15,6 +15,7 @@ import xarray as xr
 
 from jbw.errors import DataError
 from jbw.identification.evidence import Candidate
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.law_comparison.answers import weights_for
 from jbw.measurement.records import Test
 from jbw.report.laws import laws_figure, render_laws
@@ -32,7 +33,7 @@ def law_groups(
     """Return each law's posterior, with attributes for predictions, by path in the result tree."""
     groups = {}
     for name, candidate in named.items():
-        posterior, data = draws[name]["posterior"].to_dataset(), candidate.fitted.data
+        posterior, data = posterior_draws(draws[name]), candidate.fitted.data
         held = {key: float(value) for key, value in data.held.items()}
         omega_n = {**held, **candidate.fitted.fit.theta}.get("omega_n", 1.0)
         attrs = basis_attrs(tests, data, held, float(omega_n))

@@ -128,8 +128,8 @@ def in_whole_periods(remedy: str, record: Record, periods: int) -> str:
     count = int((last - first) / period + 1e-6)
     if count < 1:
         return f"{left_out(record)}."
-    keeps = remedies.span(_written(first), _written(first + count * period))
-    return remedies.SPAN.sub(f"{keeps} and `periods = {count}`", remedy)
+    keeps = remedies.periods(_written(first), _written(first + count * period), count)
+    return remedies.SPAN.sub(keeps, remedy)
 
 
 def kept_before(record: Record, at_s: float) -> str:

@@ -6,7 +6,6 @@ for all groups of an observable, and this share sets the weight of each group.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -21,16 +20,11 @@ from jbw.observables.effective_values import (
 from jbw.observables.groups import Covariance, Groups, Rows
 
 
-class GroupResidual(NamedTuple):
-    """The mean squares of noise and of model error in a residual, and whether the error matters."""
+def group_residuals(groups: Groups, residuals: Rows) -> list[tuple[float, float, bool]]:
+    """Return mean squares of noise and misfit in each group's residual, and if the misfit counts.
 
-    noise: float
-    misfit: float
-    is_misfit: bool
-
-
-def group_residuals(groups: Groups, residuals: Rows) -> list[GroupResidual]:
-    """Divide each data group's residual into noise (from repeats, if any) and model error."""
+    The noise is determined from repeats if there are any.
+    """
     misfits, arrays = [], (groups.num_repeats, groups.size, groups.within)
     numbers = zip(groups.labels, *(np.asarray(x, float).tolist() for x in arrays), strict=True)
     for label, count, size, within in numbers:
@@ -41,7 +35,7 @@ def group_residuals(groups: Groups, residuals: Rows) -> list[GroupResidual]:
         else:
             noise = 0.0 if coloured else square
         misfit = max(square - noise / count, 0.0)
-        misfits.append(GroupResidual(noise, misfit, coloured or count * misfit > MISFIT * noise))
+        misfits.append((noise, misfit, coloured or count * misfit > MISFIT * noise))
     return misfits
 
 
@@ -57,9 +51,7 @@ def shared_misfit(
     whose residual is noise adds nothing to rho.
     """
     square = sizes**2 / np.asarray(groups.size)
-    misfit = [
-        group.misfit if group.is_misfit else 0.0 for group in group_residuals(groups, residuals)
-    ]
+    misfit = [x if counts else 0.0 for _, x, counts in group_residuals(groups, residuals)]
     return np.mean(misfit / np.where(square > 0, square, 1.0)) * square
 
 
@@ -78,10 +70,10 @@ def independent_fractions(
     """
     fractions, colours = {}, []
     group_misfits = group_residuals(groups, residuals)
-    for label, group in zip(groups.labels, group_misfits, strict=True):
+    for label, (_, _, is_misfit) in zip(groups.labels, group_misfits, strict=True):
         slopes = np.stack([column[label] for column in columns])
         fraction = effective_fraction(residuals[label], slopes, covariance)
-        if group.is_misfit:
+        if is_misfit:
             colours.append(fraction)
         # The noise is large where the prediction is sensitive to the parameters.
         elif fraction <= BY_CHANCE:
@@ -89,12 +81,12 @@ def independent_fractions(
     if not colours:
         return fractions
     colour = len(colours) / sum(1 / coloured_fraction for coloured_fraction in colours)
-    for i, (label, group) in enumerate(zip(groups.labels, group_misfits, strict=True)):
-        expected, noise = float(groups.discrepancy[i]), group.noise
+    for i, (label, (noise, misfit, _)) in enumerate(zip(groups.labels, group_misfits, strict=True)):
+        expected = float(groups.discrepancy[i])
         common = float(groups.num_repeats[i]) * expected
         both = noise + common
         independent = both**2 / (noise**2 + 2 * noise * common + common**2 / colour)
-        fraction = independent * (group.misfit + noise + expected) / both
+        fraction = independent * (misfit + noise + expected) / both
         if fraction < 1.0:
             fractions[label] = max(fraction, min(1.0, LEAST_VALUES / float(groups.size[i])))
     return fractions

@@ -11,7 +11,7 @@ periods of a multisine; otherwise one repeat without scatter). Leaving out one r
 The records of a group share one prediction m, so that one solve per draw serves all of them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -163,13 +163,7 @@ def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -
             continue
         square, products = part.residual_sums(of_part(everything, part), part_rows.rows, b)
         cross = products[part_rows.group, part_rows.place]
-        parts.append(
-            {
-                "square": square[part_rows.group],
-                "cross": cross,
-                "along": products[part_rows.group, 0],
-            }
-        )
+        parts.append((square[part_rows.group], cross, products[part_rows.group, 0]))
     return {**sums, "parts": parts}
 
 
@@ -187,7 +181,7 @@ def _of_part(
     key: Key[Array, ""],
     part: Observable,
     records: RecordRows,
-    sums: Mapping[str, Float[np.ndarray, "draw record"]],
+    sums: Sequence[Float[np.ndarray, "draw record"]],
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
     """Return the log likelihood of each record in a part of the dataset, at each posterior draw."""
@@ -198,7 +192,8 @@ def _of_part(
     fraction = np.array([counted[groups.labels[g]] for g in group])
     std = np.stack([noise[groups.labels[g]] for g in group], axis=-1)
     spread = np.sum(deviation**2, axis=1)
-    squares = count * (sums["square"] + 2 * sums["cross"] + spread) + records.within
+    square, cross, along = sums
+    squares = count * (square + 2 * cross + spread) + records.within
     squares += size * count * discrepancy
     log_likelihood = -fraction * (
         size * count / 2 * np.log(2 * np.pi * std**2) + squares / (2 * std**2)
@@ -217,7 +212,7 @@ def _of_part(
     own_norm = np.sum((measured[group] + deviation) ** 2, axis=1)
     observed = np.sqrt(own_norm / norm[group])
     # Noise has one component along the prediction, and N - 1 components orthogonal to it.
-    model = np.maximum(norm[group] - 2 * sums["along"] + sums["square"], 0.0)
+    model = np.maximum(norm[group] - 2 * along + square, 0.0)
     rng, mean_std = generator(key), std / np.sqrt(count)
     ahead = np.sqrt(model) + mean_std * rng.standard_normal(model.shape)
     across = rng.chisquare(np.maximum(size - 1, 1), model.shape)

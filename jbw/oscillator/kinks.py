@@ -52,6 +52,20 @@ def hermite(start: Scalar, end: Scalar, rise: Scalar) -> CubicPath:
     return CubicPath(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
 
 
+class Corner(NamedTuple):
+    """A displacement where the slope and curvature of a force's curve jump, with the jumps.
+
+    Attributes:
+        y: Displacement [m].
+        slope: Jump of the slope [1/s^2].
+        curvature: Jump of the curvature [1/(m s^2)].
+    """
+
+    y: Scalar
+    slope: Scalar
+    curvature: Scalar
+
+
 class PathSlopes(NamedTuple):
     """Derivatives with respect to a path's slopes at start and end, and to its displacement."""
 

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from scipy.stats import qmc
 
 from jbw.errors import ConfigError, DataError
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.inference.space.box import Box, bounds_about, box
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.oscillator.modes.parameters import NAMES, own_quantities
@@ -172,7 +173,7 @@ def before(
 
 def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> Beliefs:
     """Return joints drawn from the main posterior of a run."""
-    laws, posterior = laws_of_run(tree), tree["posterior"].to_dataset()
+    laws, posterior = laws_of_run(tree), posterior_draws(tree)
     names = parameter_names(laws)
     needed = [name for name in names if name != "gain"]
     missing = [name for name in needed if name not in posterior and name not in held]

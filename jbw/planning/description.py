@@ -107,9 +107,9 @@ class PlanTable(FileTable):
     )
     max_input: Positive | None = key(None, "largest input [V, N or N/kg]")
     max_displacement: Positive | None = key(None, "largest displacement [m]")
-    max_repeats: Count = key(1000, "largest number of repeats of a test")
+    max_repeats: Count = key(1000, "largest number of repeats")
     joints: Annotated[int, Field(ge=2), BeforeValidator(whole(2))] = key(
-        16, "number of joints that are drawn from the ranges"
+        16, "number of joints drawn"
     )
     seed: Index = key(0, "seed of the draws")
 

@@ -18,6 +18,7 @@ from scipy.linalg import eigh
 
 from jbw.errors import ConfigError
 from jbw.inference.fit.identifiability import weak_direction
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import NAMES
 from jbw.parts import Parts, unkept
@@ -214,7 +215,7 @@ def rig_of(tree: xr.DataTree) -> Rig:
     ]
     y_peak = float(tree.attrs.get("y_peak", 0.0))
     return Rig(
-        noise=_noise(tree["posterior"].to_dataset()),
+        noise=_noise(posterior_draws(tree)),
         fs=float(f"{np.median(rates):.10g}") if rates else None,
         input_unit=next((unit for unit in units if unit in INPUT_UNITS), None),
         y_peak=y_peak if y_peak > 0 else None,

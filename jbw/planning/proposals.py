@@ -79,13 +79,13 @@ class TonesTable(DwellingTable):
 class SteppedTable(TonesTable):
     """The [stepped] table of a plan file."""
 
-    frequencies: Numbers | None = key(None, "frequencies of the steps, in order [Hz]")
+    frequencies: Numbers | None = key(None, "step frequencies, ordered [Hz]")
 
 
 class BackboneTable(DwellingTable):
     """The [backbone] table of a plan file."""
 
-    amplitudes: Numbers | None = key(None, "peaks of the displacement, in order [m]")
+    amplitudes: Numbers | None = key(None, "displacement peaks, ordered [m]")
 
 
 READ = {

@@ -171,12 +171,12 @@ def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], A
     thus not cut where its factors trade up to their bounds.
     """
     root = fleet.to_dataset()
-    beyond = root["beyond"].values
-    beyond_sampled = root["beyond"].sel(parameter=name).values
-    covariance = root["covariance"].sel(parameter=name).values
-    variance = np.diagonal(root["covariance"].values, axis1=1, axis2=2)
-    product = root["covariance"].sel(parameter=name, other=name).values[:, None] * variance
-    through = np.nan_to_num(beyond) * covariance**2 / np.where(product > 0, product, np.inf)
+    beyond, whole = root["beyond"], root["covariance"]
+    beyond_sampled = beyond.sel(parameter=name).values
+    covariance = whole.sel(parameter=name).values
+    variance = np.diagonal(whole.values, axis1=1, axis2=2)
+    product = whole.sel(parameter=name, other=name).values[:, None] * variance
+    through = np.nan_to_num(beyond.values) * covariance**2 / np.where(product > 0, product, np.inf)
     by = root["parameter"].values.astype(str)[through.argmax(axis=1)]
     sampled = ~np.isnan(beyond_sampled)
     return np.where(sampled, beyond_sampled, through.max(axis=1)), np.where(sampled, name, by)

@@ -24,6 +24,7 @@ from numpyro.infer import MCMC, NUTS, init_to_value
 from scipy.special import logit
 
 from jbw.errors import ConfigError, DataError
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.inference.space.box import bounds_by_name
 from jbw.observables.dataset import Dataset, log_likelihood
 from jbw.population.coordinates import rows_of
@@ -149,7 +150,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
         )
     data, main = identification.data, identification.main
     bounds, names = bounds_by_name(main.box), main.box.names
-    posterior = main.posterior["posterior"].to_dataset()
+    posterior = posterior_draws(main.posterior)
     draws: Any = np.stack([np.ravel(posterior[name].values) for name in names], axis=-1)
     if not np.all(draws > 0):
         raise DataError(

@@ -250,14 +250,15 @@ def left_out(
 
     def of_draw(drawn: dict[str, Array]) -> tuple[Array, Array]:
         rows = _design_rows(design, d, drawn.get("u"))
-        weighed = jnp.swapaxes(rows, 1, 2) @ jnp.linalg.inv(drawn["scatter"] + c)
+        apart = drawn["scatter"] + c
+        weighed = jnp.swapaxes(rows, 1, 2) @ jnp.linalg.inv(apart)
         tells, pull = weighed @ rows, jnp.einsum("kij,kj->ki", weighed, m)
         # Subtract the unit's own contribution from the sums over all units, because the trend line
         # of a unit must not depend on the unit itself.
         others = jnp.linalg.inv(before + tells.sum(0) - tells)
         line = jnp.einsum("kij,kj->ki", others, at_zero + pull.sum(0) - pull)
         off = m - jnp.einsum("kij,kj->ki", rows, line)
-        spread = drawn["scatter"] + c + rows @ others @ jnp.swapaxes(rows, 1, 2)
+        spread = apart + rows @ others @ jnp.swapaxes(rows, 1, 2)
         squares = jnp.einsum("ki,ki->k", off, jnp.linalg.solve(spread, off[..., None])[..., 0])
         return -0.5 * (squares + jnp.linalg.slogdet(spread)[1]), squares
 
@@ -411,8 +412,9 @@ def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:
 def _sampling(draws: Draws) -> dict[str, float]:
     from numpyro.diagnostics import effective_sample_size, split_gelman_rubin
 
+    tau, line = draws["tau"], draws["line"]
     values = np.concatenate(
-        [draws["tau"], draws["line"].reshape(*draws["line"].shape[:2], -1)]
+        [tau, line.reshape(*line.shape[:2], -1)]
         + [draws[name][..., None] for name in ("u",) if name in draws],
         axis=-1,
     )
@@ -420,7 +422,7 @@ def _sampling(draws: Draws) -> dict[str, float]:
         "r_hat": float(np.max(split_gelman_rubin(values))),
         "ess": float(np.min(effective_sample_size(values))),
         "divergences": int(draws["diverging"].sum()),
-        "num_draws": int(draws["tau"].shape[0] * draws["tau"].shape[1]),
+        "num_draws": int(tau.shape[0] * tau.shape[1]),
     }
 
 

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity, are_at_joints
@@ -102,7 +103,7 @@ def _unit(name: str, folder: Path | None, summary: RunSummary, tree: xr.DataTree
         raise DataError(
             f"The run {name} has no posterior.", remedy="Identify its campaign again: jbw identify."
         )
-    posterior, laws = tree["posterior"].to_dataset(), laws_of(tree)
+    posterior, laws = posterior_draws(tree), laws_of(tree)
     if are_at_joints(laws):
         raise DataError(
             f"The run {name} must be of one joint, but has several.",

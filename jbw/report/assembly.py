@@ -1,6 +1,6 @@
 """Figures of an assembled structure: its modes with its joints, and the loop of every joint."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection
 from jbw.errors import DataError
 from jbw.report import style
 from jbw.report.messages import figures as labels
-from jbw.report.result import branch
+from jbw.report.result import arrays, branch
 from jbw.report.style import INK, MODEL, SOFT, Panels, finish, panels, title
 from jbw.report.text import axis_label, length_unit, number, percent, plain
 
@@ -24,13 +24,7 @@ ISOMETRIC = np.array([[np.sqrt(0.75), -np.sqrt(0.75), 0.0], [-0.5, -0.5, 1.0]])
 # plane
 FLAT = 1e-9
 SMALLEST, LARGEST = 12.0, 160.0  # areas of the marks for joints [pt^2]
-
-
-class View(NamedTuple):
-    """Two directions in which a structure is drawn, and their names."""
-
-    directions: Float[np.ndarray, "2 3"]
-    names: tuple[str, str]
+View = Float[np.ndarray, "2 3"]  # the two directions in which a structure is drawn
 
 
 def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -52,7 +46,7 @@ def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
     columns = 1 if count == 1 else COLUMNS
     lines = -(-count // columns)
     axes = panels(ax, lines, columns, height=0.4 + 2.2 * lines)
-    view = view_of(group["position"].values, group["deflection"].values)
+    view, names = view_of(*arrays(group, "position", "deflection"))
     for i, panel in enumerate(axes.flat):
         if i >= count:
             panel.set_visible(False)
@@ -62,33 +56,36 @@ def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
         _draw_shape(panel, group, i, view)
         _draw_joints(panel, group, mode, i, view)
         panel.set_aspect("equal", adjustable="datalim")
-    across, up = (axis_label(name, "m") for name in view.names)
+    across, up = (axis_label(name, "m") for name in names)
     return finish(axes, ax, across, up)
 
 
 def view_of(
     position: Float[np.ndarray, "node 3"], deflection: Float[np.ndarray, "mode node 3"]
-) -> View:
-    """Return the directions in which to draw a structure: the plane of a flat one, or isometric."""
+) -> tuple[View, tuple[str, str]]:
+    """Return the two directions to draw a structure in, with their names.
+
+    They span the plane of a flat structure; other structures are drawn in isometric view.
+    """
     extent = np.ptp(position, axis=0)
     is_moved = np.abs(deflection).max(axis=(0, 1)) > FLAT
     for along, seen in ((1, (0, 2)), (2, (0, 1)), (0, (1, 2))):
         if extent[along] <= FLAT * extent.max() and not is_moved[along]:
             first, second = ("xyz"[i] for i in seen)
-            return View(np.eye(3)[list(seen)], (first, second))
-    return View(ISOMETRIC, labels.ISOMETRIC)
+            return np.eye(3)[list(seen)], (first, second)
+    return ISOMETRIC, labels.ISOMETRIC
 
 
 def _moved(group: xr.Dataset, mode: int, view: View) -> Float[np.ndarray, "node 2"]:
-    """Return the displaced nodes of a mode shape, projected on the two directions of a view."""
-    position = group["position"].values
+    """Return the displaced nodes of a mode shape, projected in a view."""
+    position, deflection = arrays(group, "position", "deflection")
     scale = EXAGGERATED * np.ptp(position, axis=0).max()
-    return (position + scale * group["deflection"].values[mode]) @ view.directions.T
+    return (position + scale * deflection[mode]) @ view.T
 
 
 def _draw_shape(panel: Axes, group: xr.Dataset, mode: int, view: View) -> None:
     """Draw the structure at rest and in a mode: its links, or only its nodes."""
-    at_rest, moved = group["position"].values @ view.directions.T, _moved(group, mode, view)
+    at_rest, moved = group["position"].values @ view.T, _moved(group, mode, view)
     links = group["link"].values
     for nodes, colour, width in ((at_rest, SOFT, 0.7), (moved, style.BLUE, 1.4)):
         panel.add_collection(LineCollection(list(nodes[links]), colors=colour, linewidths=width))
@@ -182,7 +179,7 @@ def joint_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 def _draw_loop(pair: Panels, joint: xr.Dataset, units: xr.Dataset | None) -> None:
     """Draw a joint's loop, and below this loop the loop minus its secant line."""
     name = str(joint["joint"].values)
-    x, force = (np.append(joint[n].values, joint[n].values[0]) for n in ("motion", "loop"))
+    x, force = (np.append(values, values[0]) for values in arrays(joint, "motion", "loop"))
     peak = int(np.argmax(np.abs(x)))
     if x[peak] == 0:
         raise DataError(f"Joint {name} does not move.")

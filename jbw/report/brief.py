@@ -41,7 +41,7 @@ FIGURE = 3.1  # height of the backbone with its legend [in]
 FOOT = 0.5  # height reserved for the final lines [in]
 # amplitudes in the rows of the table, as fractions of the largest fitted amplitude
 PARTS = (0.1, 0.25, 0.5, 1.0)
-USUAL = {"size": 9.0, "color": INK}
+SIZE = 9.0  # usual size of letters [pt]
 COLOURS = {"ok": GREEN, "usable": GREEN, "failed": VERMILLION}
 MEASURE = TextToPath()
 
@@ -297,7 +297,7 @@ def _table(
     """Draw a table on the brief with as many rows as fit; return the height at which it ends."""
     if not cells.rows:
         return top
-    height = USUAL["size"] * POINT * LEADING
+    height = SIZE * POINT * LEADING
     room = int((top - floor - 2.6 * height) / height)
     count = min(len(cells.rows), most, max(room, 0))
     if count < 1:
@@ -311,7 +311,7 @@ def _table(
     for row, colour in ((cells.names, SOFT), *((row, INK) for row in shown)):
         for text, (start, end, side) in zip(row, cells.columns, strict=True):
             room = ROOM if row is more else ROOM * (end - start)
-            shortened = _shortened(str(text), room, USUAL["size"])
+            shortened = _shortened(str(text), room, SIZE)
             place = start if side == "left" else end
             _put(figure, MARGIN + place * ROOM, top, shortened, color=colour, ha=side)
         top -= height
@@ -320,7 +320,7 @@ def _table(
 
 def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: Any) -> float:
     """Write one line on the brief, shortened to the page's width; return the next line's height."""
-    size = float(look.get("size", USUAL["size"]))
+    size = float(look.get("size", SIZE))
     shortened = _shortened(text, ROOM - indent, size, str(look.get("weight", "normal")))
     _put(figure, MARGIN + indent, top, shortened, **look)
     return top - size * POINT * LEADING
@@ -328,7 +328,7 @@ def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: An
 
 def _paragraph(figure: Figure, top: float, text: str, most: int, indent: float = 0.0) -> float:
     """Write a text on the brief in at most `most` lines; return the height of the next line."""
-    for line in _broken(text, ROOM - indent, USUAL["size"], most):
+    for line in _broken(text, ROOM - indent, SIZE, most):
         top = _line(figure, top, line, indent=indent)
     return top - 0.03
 
@@ -336,7 +336,14 @@ def _paragraph(figure: Figure, top: float, text: str, most: int, indent: float =
 def _put(figure: Figure, x: float, top: float, text: str, **look: Any) -> None:
     """Write a text on a figure at a position [in]; dollar signs do not begin formulas."""
     if text:
-        figure.text(x / WIDTH, top / HEIGHT, text, va="top", parse_math=False, **{**USUAL, **look})
+        figure.text(
+            x / WIDTH,
+            top / HEIGHT,
+            text,
+            va="top",
+            parse_math=False,
+            **{"size": SIZE, "color": INK, **look},
+        )
 
 
 def _broken(text: str, width: float, size: float, most: int) -> list[str]:

@@ -1,6 +1,6 @@
 """Tables and figures of a changed joint: two runs compared, and monitoring record by record."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib
@@ -27,6 +27,7 @@ from jbw.report.table import Column, Table, named, table, words
 from jbw.report.text import NOTHING, length_unit, number, unit_text
 from jbw.report.words import Badge
 from jbw.results.differences import ComparedQuantity, RunDifference, RunsSideBySide
+from jbw.results.watch import WatchLine, WatchSettings
 
 RUNS = ("A", "B")
 LEAST = 1e-3  # Probabilities below this, or above 1 minus this, are stated as bounds.
@@ -83,10 +84,11 @@ def side_by_side_table(record: RunsSideBySide) -> Table:
 def side_by_side_figure(record: RunsSideBySide, bands: xr.Dataset, ax: Any = None) -> Panels:
     """Draw frequency and damping of several runs against amplitude, with one colour per run."""
     axes = panels(ax, 1, 2, height=3.2)
-    factor, unit = length_unit(float(bands["amplitude"][-1]))
+    amplitude = bands["amplitude"].values
+    factor, unit = length_unit(float(amplitude[-1]))
     # Colours go from dark to light in the order of torque, so that they also differ in grey.
     colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(record.runs)))
-    x = factor * bands["amplitude"].values
+    x = factor * amplitude
     for only, (name, label) in zip(axes[0], QUANTITIES.items(), strict=True):
         scale = 100.0 if name == "damping" else 1.0
         for run, colour in zip(record.runs, colours, strict=True):
@@ -150,17 +152,15 @@ def backbones_figure(bands: xr.Dataset, ax: Any = None) -> Any:
     return finish(axes, ax, f"amplitude of displacement [{unit}]")
 
 
-def watch_figure(
-    settings: Mapping[str, Any], readings: Sequence[Mapping[str, Any]], ax: Any = None
-) -> Panels:
+def watch_figure(settings: WatchSettings, readings: Sequence[WatchLine], ax: Any = None) -> Panels:
     """Draw frequency and damping of new records, the reference band, and all alarms."""
     axes = panels(ax, 2, 1, height=4.6)
-    values = np.array([reading["values"][:2] for reading in readings]).reshape(-1, 2)
+    values = np.array([reading.values[:2] for reading in readings]).reshape(-1, 2)
     values[:, 1] = 100 * np.exp(values[:, 1])
     number = np.arange(1, len(values) + 1)
-    num = min(settings["reference"], len(values))
-    alarms = np.array([bool(reading.get("alarm")) for reading in readings], bool)
-    at = f"{settings['amplitudes'][0]:g} {settings['unit']}"
+    num = min(settings.reference, len(values))
+    alarms = np.array([bool(reading.alarm) for reading in readings], bool)
+    at = f"{settings.amplitudes[0]:g} {settings.unit}"
     for column, (panel, name) in enumerate(
         zip(axes[:, 0], ("frequency [Hz]", "damping [%]"), strict=True)
     ):
@@ -182,16 +182,14 @@ def watch_figure(
     return finish(axes, ax, below="record")
 
 
-def watch_sheet(
-    name: str, settings: Mapping[str, Any], readings: Sequence[Mapping[str, Any]]
-) -> Sheet:
+def watch_sheet(name: str, settings: WatchSettings, readings: Sequence[WatchLine]) -> Sheet:
     """Return the page of a monitored joint: figure, statement on every alarm, table of records."""
-    alarms = [reading for reading in readings if reading.get("alarm")]
-    stated = [f"{row['record']}: {row['statement']}" for row in alarms if "statement" in row]
-    last = [reading["statement"] for reading in readings if "statement" in reading][-1:]
+    alarms = [reading for reading in readings if reading.alarm]
+    stated = [f"{row.record}: {row.statement}" for row in alarms if row.statement]
+    last = [reading.statement for reading in readings if reading.statement][-1:]
     return Sheet(
         title=f"Watch of {name}",
-        subtitle=watch.heading(len(readings), settings["reference"]),
+        subtitle=watch.heading(len(readings), settings.reference),
         caption=watch.CAPTION,
         sentences=stated or last,
         tables=[("Every record", watch_table(settings, readings))],
@@ -200,36 +198,32 @@ def watch_sheet(
     )
 
 
-def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
+def watch_table(settings: WatchSettings, lines: Sequence[WatchLine]) -> Table:
     """Return a table with one line per record: frequency and damping at the first amplitude."""
 
     def number(heading: str, read: Any, form: str) -> Column:
-        def shown(reading: Mapping[str, Any]) -> str:
-            value = read(reading)
+        def shown(line: WatchLine) -> str:
+            value = read(line)
             return NOTHING if value is None else format(value, form)
 
         return Column(heading, shown)
 
-    def value(at: int) -> Any:
-        return lambda reading: reading["values"][at] if "values" in reading else None
-
-    rows = [{"role": reading["kind"], "alarm": "", **reading} for reading in entries]
-    at = f"{settings['amplitudes'][0]:g} {settings['unit']}"
+    at = f"{settings.amplitudes[0]:g} {settings.unit}"
     return table(
-        watch.table_title(at, settings["false_alarms"]),
-        rows,
-        number("number", lambda reading: reading.get("number"), "d"),
+        watch.table_title(at, settings.false_alarms),
+        lines,
+        number("number", lambda line: line.number, "d"),
         words("record", "record"),
-        words("role", "role"),
-        number("frequency [Hz]", value(0), ".4f"),
+        Column("role", lambda line: line.role or line.entry, align="left"),
+        number("frequency [Hz]", lambda line: line.values[0] if line.values else None, ".4f"),
         number("damping [%]", _damping, ".4g"),
-        number("T^2", lambda reading: reading.get("squared"), ".3g"),
-        number("threshold", lambda reading: reading.get("threshold"), ".3g"),
-        number("unchanged", lambda reading: reading.get("unchanged"), ".3g"),
+        number("T^2", lambda line: line.squared, ".3g"),
+        number("threshold", lambda line: line.threshold, ".3g"),
+        number("unchanged", lambda line: line.unchanged, ".3g"),
         words("alarm", "alarm"),
     )  # fmt: skip
 
 
-def _damping(reading: Mapping[str, Any]) -> float | None:
+def _damping(line: WatchLine) -> float | None:
     """Return the damping ratio of a monitored record at the first amplitude, in per cent."""
-    return 100 * float(np.exp(reading["values"][1])) if "values" in reading else None
+    return 100 * float(np.exp(line.values[1])) if line.values else None

@@ -26,7 +26,16 @@ from jbw.report.responses import (
     level_colours,
     level_palette,
 )
-from jbw.report.result import fitted_text, frequency, node, quantiles, tests, unit_of, verified
+from jbw.report.result import (
+    arrays,
+    fitted_text,
+    frequency,
+    node,
+    quantiles,
+    tests,
+    unit_of,
+    verified,
+)
 from jbw.report.style import MODEL, shade
 from jbw.report.text import axis_label
 
@@ -161,7 +170,7 @@ def _loops(tree: xr.DataTree) -> Drawn:
     needed = ("measured_y", "measured_force", "model_y", "model_force")
     for name, test in tests(tree, "validation/loops", *needed):
         ax = _blank(xlabel="displacement [mm]", ylabel=labels.LESS_SECANT)
-        draw_loop(ax, test, secant(test["measured_y"].values, test["measured_force"].values))
+        draw_loop(ax, test, secant(*arrays(test, "measured_y", "measured_force")))
         yield f"Hysteresis loop {name}", ax
 
 
@@ -191,13 +200,6 @@ def _backbone(tree: xr.DataTree) -> Drawn:
     return zip(("Backbone: frequency", "Backbone: damping"), backbone(tree).flat, strict=True)
 
 
-class CurvePoints(NamedTuple):
-    """The points of a curve or of a band's outline; NaN separates its parts."""
-
-    x: Values
-    y: Values
-
-
 def shared_limit(sizes: Sequence[int], total: int) -> int:
     """Return the largest number of points per curve such that all curves have at most `total`."""
     low, high = 2, max([2, *sizes])
@@ -208,25 +210,25 @@ def shared_limit(sizes: Sequence[int], total: int) -> int:
     return low
 
 
-def decimated(points: CurvePoints, most: int) -> CurvePoints:
+def decimated(x: Values, y: Values, most: int) -> tuple[np.ndarray, np.ndarray]:
     """Reduce a curve to the extremes of equal intervals, to about `most` points.
 
     Each part between NaN values keeps its first and last point, so that a band stays closed and a
     gap stays a gap. A curve of `most` points or fewer is returned unchanged.
     """
-    size = len(points.x)
+    size = len(x)
     if size <= most:
-        return points
+        return x, y
     width = max(1, int(np.ceil(2 * size / max(most, 1))))  # Two points remain of each segment.
-    gaps = np.flatnonzero(~(np.isfinite(points.x) & np.isfinite(points.y)))
+    gaps = np.flatnonzero(~(np.isfinite(x) & np.isfinite(y)))
     ends = np.concatenate([[-1], gaps, [size]])
     indices = [gaps]
     for start, stop in zip(ends[:-1] + 1, ends[1:], strict=True):
-        part = points.y[start:stop]
+        part = y[start:stop]
         if len(part):
             indices.append(start + _extremes(part, width))
     order = np.unique(np.concatenate(indices))
-    return CurvePoints(points.x[order], points.y[order])
+    return x[order], y[order]
 
 
 def _extremes(y: Values, width: int) -> np.ndarray:

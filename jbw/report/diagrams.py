@@ -127,13 +127,13 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
 
 
 def _spread(parameter: PosteriorParameter) -> str:
-    """Return a parameter's median, plus or minus half of its 99 % interval, as text."""
-    shown = shown_as(parameter.name, parameter.unit)
-    return spread_text(shown.factor * parameter.draws, shown.unit)
+    """Return a parameter's median, with half of its 99 % interval, as text."""
+    factor, unit, _ = shown_as(parameter.name, parameter.unit)
+    return spread_text(factor * parameter.draws, unit)
 
 
 def _symbol(parameter: PosteriorParameter) -> str:
-    return parameter.symbol + shown_as(parameter.name, parameter.unit).suffix
+    return parameter.symbol + shown_as(parameter.name, parameter.unit)[-1]
 
 
 class StepOutcome(NamedTuple):

@@ -14,7 +14,7 @@ from jbw.report import style
 from jbw.report.messages import figures as captions
 from jbw.report.messages import identified
 from jbw.report.messages import tables as notes
-from jbw.report.result import branch, names_of
+from jbw.report.result import arrays, branch, names_of
 from jbw.report.style import Panels, finish, panels, stacks, title
 from jbw.report.table import Cell, Column, Table, by_sd, digits, named, shares, table
 from jbw.report.text import NOTHING, Names, axis_label, number, percent, plain, quantity, symbol
@@ -109,7 +109,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     axes, stack = stacks(ax, group.sizes["parameter"], 1, height=2.1)
     for i, (panel,) in enumerate(stack):
         name = str(group["parameter"].values[i])
-        values, rise = group["profile_value"][i], group["profile_chi_square"][i]
+        values, rise = arrays(group.isel(parameter=i), "profile_value", "profile_chi_square")
         panel.plot(values, rise, ".-", color=style.BLUE, lw=1.2, ms=5, label="profile")
         # This line is the threshold of the 99 % interval.
         panel.axhline(THRESHOLD, color=style.VERMILLION, lw=0.9, ls="--", label="99 %")

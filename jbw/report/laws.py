@@ -13,6 +13,7 @@ from jbw.report.measured_points import draw_points, measured_points
 from jbw.report.messages import free_law as free_messages
 from jbw.report.messages import laws as messages
 from jbw.report.messages import tables as notes
+from jbw.report.result import arrays
 from jbw.report.sheet import Folded, Sheet, render_sheet
 from jbw.report.style import LEVELS, SOFT, Panels, draw_model, finish, panels, shade, title
 from jbw.report.table import Column, table
@@ -54,7 +55,7 @@ def laws_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
-    amplitude = 1e3 * curves["amplitude"].values
+    amplitude, y_fitted = 1e3 * arrays(curves, "amplitude")[0], curves.attrs["y_fitted"]
     # A comparison made by an earlier version lacks this entry.
     hopeless = curves.get("hopeless", xr.zeros_like(curves["law"], bool))
     for panel, name, unit, scale in (
@@ -66,10 +67,10 @@ def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
             shade(panel, amplitude, low, high, colour, "_", alpha=0.2)
             label = plain(law) + (", fit alone" if hopeless.sel(law=law) else "")
             panel.plot(amplitude, middle, color=colour, ls=dashes, lw=1.2, label=label)
-        panel.axvline(1e3 * curves.attrs["y_fitted"], color="0.6", lw=0.8, ls=":")
+        panel.axvline(1e3 * y_fitted, color="0.6", lw=0.8, ls=":")
         panel.set_ylabel(f"{name} [{unit}]")
-        panel.set_xlabel(messages.LABELS["amplitude"])
-        title(panel, f"{name}{messages.LABELS['backbone']}")
+        panel.set_xlabel(messages.AMPLITUDE_AXIS)
+        title(panel, f"{name}{messages.UNDER_EACH_LAW}")
 
 
 def _loops(here: Any, loops: xr.Dataset, looks: Looks) -> None:
@@ -77,19 +78,20 @@ def _loops(here: Any, loops: xr.Dataset, looks: Looks) -> None:
     for law, (colour, dashes) in looks.items():
         here.plot(y, loops["force"].sel(law=law).values, color=colour, ls=dashes, lw=1.0)
     here.set_xlabel("displacement [mm]")
-    here.set_ylabel(messages.LABELS["force"])
-    title(here, messages.LABELS["loop"])
+    here.set_ylabel(messages.FORCE_AXIS)
+    title(here, messages.LOOP_OF_LAWS)
 
 
 def _residuals(here: Any, residuals: xr.Dataset, looks: Looks) -> None:
-    along = (np.arange(residuals.sizes["part"]) + 0.5) / residuals.sizes["part"]
+    count = residuals.sizes["part"]
+    along = (np.arange(count) + 0.5) / count
     for law, (colour, dashes) in looks.items():
         residual = 100 * residuals["left"].sel(law=law).values
         here.plot(along, residual, color=colour, ls=dashes, lw=1.0)
     here.set_yscale("log")
-    here.set_xlabel(messages.LABELS["place"])
+    here.set_xlabel(messages.POSITION_AXIS)
     here.set_ylabel("residual [% of rms]")
-    title(here, f"{messages.LABELS['residual']}{plain(residuals.attrs['group'])}")
+    title(here, f"{messages.RESIDUAL_ALONG}{plain(residuals.attrs['group'])}")
 
 
 SHAPES = {"loops": _loops, "residuals": _residuals}
@@ -102,14 +104,15 @@ def _left_out(here: Any, scores: xr.Dataset, runs: list[str], looks: Looks) -> N
         errors = 100 * scores["error"].sel(law=law).values
         filled = "none" if looks[law][1] != "-" else "full"
         here.plot(errors, heights, "o", ms=4, color=looks[law][0], fillstyle=filled)
-    heading = messages.LABELS["error"]
-    if "line" in scores and np.isfinite(scores["line"].values).any():
-        here.plot(100 * scores["line"].values, np.arange(len(runs)), "|", ms=12, color="0.3")
-        heading += messages.LABELS["bar"]
+    heading = messages.ERROR_OF_SESSIONS
+    line = scores.get("line", np.array(np.nan))
+    if np.isfinite(line).any():
+        here.plot(100 * line, np.arange(len(runs)), "|", ms=12, color="0.3")
+        heading += messages.BAR_OF_LINEAR
     here.set_yticks(range(len(runs)), [plain(run) for run in runs])
     here.set_ylim(len(runs) - 0.4, -0.6)
     here.set_xscale("log")
-    here.set_xlabel(messages.LABELS["error_axis"])
+    here.set_xlabel(messages.ERROR_AXIS)
     title(here, heading)
 
 
@@ -145,9 +148,9 @@ def law_backbones(
     curves = tree["curves"].to_dataset()
     best = curves.sel(law=law_order(record)[0])
     points = measured_points(tree, best)
-    factor, unit = length_unit(float(curves.attrs["y_fitted"]))
-    amplitude = factor * curves["amplitude"].values
-    end = factor * float(curves.attrs["y_fitted"])
+    y_fitted = float(curves.attrs["y_fitted"])
+    factor, unit = length_unit(y_fitted)
+    amplitude, end = factor * arrays(curves, "amplitude")[0], factor * y_fitted
     axes = panels(ax, len(laws), 2, height=0.6 + LAW_ROW * len(laws), sharex="all", sharey="col")
     for row, law in zip(axes, laws, strict=True):
         for panel, name, scale in ((row[0], "frequency", 1.0), (row[1], "damping", 100.0)):

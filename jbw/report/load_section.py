@@ -12,6 +12,7 @@ from jbw.report.loads import load_figure
 from jbw.report.messages import loads as messages
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, number
+from jbw.results.loads import LoadNumber
 from jbw.run.files import hash_of
 from jbw.run.netcdf import read_tree
 
@@ -49,9 +50,9 @@ def load_section(run: Path) -> LoadSection | None:
         found = {str(dataset.attrs["load"]): dataset for dataset in _datasets(tree)}
         rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
         figures = [_picture(name, dataset) for name, dataset in found.items()]
-        remark = messages.contains(next(iter(found.values())).attrs)
+        remark = messages.contains(**next(iter(found.values())).attrs)
     # The predictions are damaged, but the rest of the report is not.
-    except (OSError, KeyError, ValueError, StopIteration):
+    except (OSError, KeyError, TypeError, ValueError, StopIteration):
         return LoadSection(messages.unreadable_loads(str(run)), load_table([]))
     return LoadSection(remark, load_table(rows), figures)
 
@@ -69,42 +70,39 @@ def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:
     return {"entry": entry, "number": "", "svg": drawn, "rest": "", "missing": ""}
 
 
-def load_rows(name: str, dataset: xr.Dataset) -> list[dict[str, Any]]:
+def load_rows(name: str, dataset: xr.Dataset) -> list[LoadNumber]:
     """Return a load's scalar results as rows with 99 % bands, one per quantity and level."""
-    rows = []
+    rows, level_unit = [], dataset.attrs["source_unit"]
     for key, values in dataset.data_vars.items():
         if values.dims not in (("quantile",), ("quantile", "level")):
             continue
         columns = values.values.reshape(3, -1).T
         levels = dataset["level"].values if "level" in values.dims else [None]
-        for level, (low, middle, high) in zip(levels, columns, strict=True):
-            rows.append({
-                "load": name, "level": None if level is None else float(level),
-                "level_unit": dataset.attrs["source_unit"], "quantity": str(key),
-                "low": float(low), "median": float(middle), "high": float(high),
-                "unit": values.attrs["units"],
-            })  # fmt: skip
+        for level, (low, median, high) in zip(levels, columns, strict=True):
+            entry = {"load": name, "level": level, "level_unit": level_unit, "quantity": str(key)}
+            ends = {"low": low, "median": median, "high": high, "unit": values.attrs["units"]}
+            rows.append(LoadNumber(**entry, **ends))
     return rows
 
 
-def load_table(rows: Sequence[Mapping[str, Any]]) -> Table:
+def load_table(rows: Sequence[LoadNumber]) -> Table:
     """Return the table of scalar results, with one line for each quantity that has a value."""
     return table(
         "",
-        [row for row in rows if row["median"] == row["median"]],
+        [row for row in rows if row.median == row.median],
         words("load", "load"),
         Column("level", _level),
-        Column("quantity", lambda row: row["quantity"].replace("_", " "), align="left"),
+        Column("quantity", lambda row: row.quantity.replace("_", " "), align="left"),
         Column("median [99 %]", _band),
         words("unit", "unit"),
     )
 
 
-def _level(row: Mapping[str, Any]) -> str:
-    return NOTHING if row["level"] is None else f"{row['level']:.6g} {row['level_unit']}"
+def _level(row: LoadNumber) -> str:
+    return NOTHING if row.level is None else f"{row.level:.6g} {row.level_unit}"
 
 
-def _band(row: Mapping[str, Any]) -> str:
-    low, middle, high = (row[name] for name in ("low", "median", "high"))
-    low_text, text, high_text = (number(x, high - low) for x in (low, middle, high))
+def _band(row: LoadNumber) -> str:
+    ends = (row.low, row.median, row.high)
+    low_text, text, high_text = (number(x, row.high - row.low) for x in ends)
     return f"{text} [{low_text}, {high_text}]"

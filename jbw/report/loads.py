@@ -7,6 +7,7 @@ import xarray as xr
 
 from jbw.report import style
 from jbw.report.messages import loads as messages
+from jbw.report.result import arrays
 from jbw.report.style import Panels, draw_model, finish, log_y, panels, shade, title
 from jbw.report.text import axis_label, plain
 
@@ -29,8 +30,7 @@ def _label(values: xr.DataArray) -> str:
 
 def _curve(dataset: xr.Dataset) -> Panels:
     axes = panels(None, 1, 1, height=3.2)
-    ax, freq = axes[0, 0], dataset["freq"].values
-    up, down = dataset["upward"].values, dataset["downward"].values
+    ax, (freq, up, down) = axes[0, 0], arrays(dataset, "freq", "upward", "downward")
     draw_model(ax, freq, up, "upward sweep, median", holds=BAND)
     if not np.allclose(up, down, rtol=1e-3, equal_nan=True):
         shade(ax, freq, down[0], down[2], style.SKY, messages.DOWNWARD)
@@ -41,9 +41,9 @@ def _curve(dataset: xr.Dataset) -> Panels:
 
 def _notch(dataset: xr.Dataset) -> Panels:
     axes = panels(None, 1, 1, height=3.2)
-    ax, freq = axes[0, 0], dataset["freq"].values
-    draw_model(ax, freq, dataset["allowed"].values, "allowed, median", holds=BAND)
-    ax.plot(freq, dataset["notched"].values[1], color=style.BLUE, label="notched level")
+    ax, (freq, allowed, notched) = axes[0, 0], arrays(dataset, "freq", "allowed", "notched")
+    draw_model(ax, freq, allowed, "allowed, median", holds=BAND)
+    ax.plot(freq, notched[1], color=style.BLUE, label="notched level")
     log_y(ax)
     unit = dataset["allowed"].attrs["units"]
     return finish(axes, None, axis_label("frequency", "Hz"), axis_label("level", unit))
@@ -52,7 +52,7 @@ def _notch(dataset: xr.Dataset) -> Panels:
 def _random(dataset: xr.Dataset) -> Panels:
     axes = panels(None, 1, 1, height=3.2)
     ax = axes[0, 0]
-    draw_model(ax, dataset["freq"].values, dataset["psd"].values, "median", holds=BAND)
+    draw_model(ax, *arrays(dataset, "freq", "psd"), label="median", holds=BAND)
     ax.set_xscale("log")
     log_y(ax)
     return finish(axes, None, axis_label("frequency", "Hz"), _label(dataset["psd"]))
@@ -60,11 +60,11 @@ def _random(dataset: xr.Dataset) -> Panels:
 
 def _shock(dataset: xr.Dataset) -> Panels:
     axes = panels(None, 2 if "srs" in dataset else 1, 1, height=3.2)
-    draw_model(axes[0, 0], dataset["time"].values, dataset["response"].values, "median", holds=BAND)
+    draw_model(axes[0, 0], *arrays(dataset, "time", "response"), label="median", holds=BAND)
     axes[0, 0].set_ylabel(_label(dataset["response"]))
     axes[0, 0].set_xlabel(axis_label("time", "s"))
     if "srs" in dataset:
-        draw_model(axes[1, 0], dataset["freq"].values, dataset["srs"].values, "median", holds=BAND)
+        draw_model(axes[1, 0], *arrays(dataset, "freq", "srs"), label="median", holds=BAND)
         axes[1, 0].set_xscale("log")
         log_y(axes[1, 0])
         axes[1, 0].set_xlabel(axis_label(messages.OF_SPECTRUM, "Hz"))

@@ -44,7 +44,8 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
     is_driven = any("response" in test for test in tests)
     widths = [1.2, 1, 1] if is_driven or ax is not None else [1, 1]
     axes = panels(ax, 1, len(widths), height=3.4, width_ratios=widths)
-    factor, unit = length_unit(max(float(test["y"].max()) for test in tests))
+    motions = [test["y"] for test in tests]
+    factor, unit = length_unit(max(float(y.max()) for y in motions))
     names = _families(tests)
     shown = list(dict.fromkeys(names))
     colours = [style.LEVELS[shown.index(name) % len(style.LEVELS)] for name in names]
@@ -54,9 +55,9 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
         (axes[0, -2], "frequency_hz", 1.0, "frequency [Hz]"),
         (axes[0, -1], "damping", 100.0, "damping ratio [%]"),
     ):
-        for test, family, colour in zip(tests, names, colours, strict=True):
+        for test, y, family, colour in zip(tests, motions, names, colours, strict=True):
             called = plain(family) if shown.index(family) < MOST_NAMED else "_further"
-            only.plot(factor * test["y"], scale * test[name], color=colour, label=called, **DOTS)
+            only.plot(factor * y, scale * test[name], color=colour, label=called, **DOTS)
         only.set(ylabel=label, xlabel=f"motion [{unit}]")
         only.ticklabel_format(axis="y", useOffset=False)
     return finish(axes, ax)

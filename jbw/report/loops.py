@@ -17,6 +17,7 @@ from jbw.report.messages import figures as labels
 from jbw.report.records import short
 from jbw.report.result import (
     BACKBONE,
+    arrays,
     branch,
     fitted_text,
     laws_of,
@@ -66,7 +67,7 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     axes, stack = style.stacks(ax, len(loop_tests), 2, height=4.6, height_ratios=[1, 1.3])
     for (upper, lower), (name, test) in zip(stack, loop_tests, strict=True):
         draw_loop(upper, test, 0.0)
-        draw_loop(lower, test, secant(test["measured_y"].values, test["measured_force"].values))
+        draw_loop(lower, test, secant(*arrays(test, "measured_y", "measured_force")))
         moved = f"{level_text(test)}, {number(test.attrs.get('tone_hz'))} Hz"
         style.title(upper, f"{short(plain(name))},\n{moved}", size=8)
         style.title(lower, _areas_text(enclosed_areas(test)), size=8)
@@ -95,7 +96,7 @@ def _areas_text(areas: Areas | None) -> str:
 
 def draw_loop(ax: Axes, test: xr.Dataset, slope: float) -> None:
     """Draw one test's loops and bands, minus a straight line of the given slope."""
-    y = np.asarray(test["measured_y"], float)
+    y, force = arrays(test, "measured_y", "measured_force")
     model_y = quantiles(test, "model_y")[1]
     if "measured_force_band" in test:
         label = labels.LOOP_BAND
@@ -103,12 +104,11 @@ def draw_loop(ax: Axes, test: xr.Dataset, slope: float) -> None:
     band = quantiles(test, "model_force") - slope * model_y
     _ring(ax, model_y, band, MODEL, style.band_label(test.attrs))
     if "measured_force_viscous" in test:
-        force = np.asarray(test["measured_force_viscous"], float) - slope * y
+        (viscous,) = arrays(test, "measured_force_viscous")
         label = "measured, viscous force included"
-        ax.plot(*closed(MILLI * y, force), color=SOFT, lw=0.9, ls=":", label=label)
+        ax.plot(*closed(MILLI * y, viscous - slope * y), color=SOFT, lw=0.9, ls=":", label=label)
     ax.plot(*closed(MILLI * model_y, band[1]), color=MODEL, lw=0.9, label="median of the model")
-    force = np.asarray(test["measured_force"], float) - slope * y
-    ax.plot(*closed(MILLI * y, force), color=INK, lw=1.1, ls="--", label="measured")
+    ax.plot(*closed(MILLI * y, force - slope * y), color=INK, lw=1.1, ls="--", label="measured")
 
 
 def closed(y: Curve, force: Curve) -> tuple[Ring, Ring]:
@@ -146,8 +146,8 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
         draw_forced_loop(only, test)
         lost = ""
         if "measured_work" in test and "model_work" in test:
-            low, _, high = np.asarray(test["model_work"], float)
-            lost = f"lost {number(test['measured_work'])} J,\n"
+            measured, (low, _, high) = arrays(test, "measured_work", "model_work")
+            lost = f"lost {number(measured)} J,\n"
             lost += f"model {number(low)} to {number(high)} J"
         style.title(only, f"{short(plain(name))}, {fitted_text(test)}\n{lost}", size=8)
     turns = unit_of(loop_tests[0][1]["displacement"]) == "rad"
@@ -159,12 +159,12 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
     """Draw a prescribed loop: measured force, and the model's band between turning points."""
-    y = MILLI * np.asarray(test["displacement"], float)
-    low, median, high = quantiles(test, "model_force") / KILO
+    y, force = arrays(test, "displacement", "measured_force")
+    y, (low, median, high) = MILLI * y, quantiles(test, "model_force") / KILO
     for i, part in enumerate(monotone(y)):
         label = style.band_label(test.attrs) if i == 0 else "_further"
         shade(ax, y[part], low[part], high[part], MODEL, label, alpha=0.4)
-    ax.plot(y, test["measured_force"] / KILO, color=INK, lw=0.8, label="measured")
+    ax.plot(y, force / KILO, color=INK, lw=0.8, label="measured")
     ax.plot(y, median, color=MODEL, lw=0.9, ls="--", label="median of the model")
     if "linear_force" in test:
         ax.plot(y, test["linear_force"] / KILO, color=SOFT, lw=0.8, ls=":", label="linear spring")
@@ -193,9 +193,9 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     curve = branch(tree, BACKBONE, "frequency", "damping")
     axes = panels(ax, 1, 2, height=3.0)
-    factor, unit = length_unit(curve.attrs["y_fitted"])
-    amplitude = factor * np.asarray(curve["amplitude"], float)
-    end = factor * float(curve.attrs["y_fitted"])
+    y_fitted = float(curve.attrs["y_fitted"])
+    factor, unit = length_unit(y_fitted)
+    amplitude, end = factor * arrays(curve, "amplitude")[0], factor * y_fitted
     points = measured_points(tree, curve)
     for panel, name, scale in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
         draw_model(panel, amplitude, scale * quantiles(curve, name))
@@ -250,11 +250,10 @@ def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     needed = ("measured_frequency", "measured_damping", "model_frequency", "model_damping")
     curves = branch(tree, "verification/amplitude", "measured_amplitude", *needed)
+    amplitude = curves["amplitude"]
     axes = panels(ax, 1, 2, height=2.9)
     for panel, name, factor in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
-        draw_model(
-            panel, curves["amplitude"], factor * quantiles(curves, f"model_{name}"), "_median"
-        )
+        draw_model(panel, amplitude, factor * quantiles(curves, f"model_{name}"), "_median")
         for i in range(curves.sizes["record"]):
             is_fitted = "fitted" not in curves or bool(curves["fitted"][i])
             x, values = curves["measured_amplitude"][i], factor * curves[f"measured_{name}"][i]
@@ -265,5 +264,5 @@ def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
             panel.errorbar(x, values, reach, fmt=".", **look)
     axes[0, 0].set_ylabel(axis_label("frequency", "Hz"))
     axes[0, 1].set_ylabel(axis_label("damping ratio", "%"))
-    response = plain(curves["amplitude"].attrs.get("long_name", "response"))
-    return finish(axes, ax, axis_label(f"amplitude of {response}", unit_of(curves["amplitude"])))
+    response = plain(amplitude.attrs.get("long_name", "response"))
+    return finish(axes, ax, axis_label(f"amplitude of {response}", unit_of(amplitude)))

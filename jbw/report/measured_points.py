@@ -7,7 +7,7 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from jbw.report.result import HELD_OUT, node
+from jbw.report.result import HELD_OUT, arrays, node, quantiles
 from jbw.report.style import INK, SKY
 from jbw.report.text import plain
 
@@ -49,20 +49,16 @@ def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[MeasuredPoints
 
 
 def _points(test: xr.Dataset, curve: xr.Dataset) -> MeasuredPoints:
-    y = np.asarray(test["y"], float)
-    values = {
-        "frequency": np.asarray(test["frequency_hz"], float),
-        "damping": np.asarray(test["damping"], float),
-    }
+    y, frequency, damping = arrays(test, "y", "frequency_hz", "damping")
+    values = {"frequency": frequency, "damping": damping}
     unknown = xr.DataArray(np.full(len(y), np.nan))
     std = {name: np.asarray(test.get(f"{name}_sd", unknown), float) for name in values}
-    amplitude = np.asarray(curve["amplitude"], float)
+    (amplitude,), (_, model, _) = arrays(curve, "amplitude"), quantiles(curve, "frequency")
     along = len(y) > 1 and np.ptp(y) > ALIKE * y.max()
     if not along:
         if len(y) > 1:
             std = {name: np.std(samples, ddof=1, keepdims=True) for name, samples in values.items()}
         y, values = y.mean(keepdims=True), {n: x.mean(keepdims=True) for n, x in values.items()}
-    model = np.asarray(curve["frequency"].transpose("quantile", ...), float)[1]
     near_model = np.abs(values["frequency"] / np.interp(y, amplitude, model) - 1) < OTHER_MODE
     near_model &= (y >= amplitude[0] * along) & (y <= amplitude[-1])
     return MeasuredPoints(

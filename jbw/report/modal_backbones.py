@@ -23,14 +23,6 @@ MAX_TURNS = 2
 Levels = Float[np.ndarray, " level"]
 
 
-class Interaction(NamedTuple):
-    """An internal resonance: a harmonic of one mode's motion has the frequency of another mode."""
-
-    order: int
-    mode: int  # index of the other mode, counted from 0
-    x_peak: float  # amplitude at which the frequencies are nearest [m]
-
-
 class BackboneCurve(NamedTuple):
     """The backbone of one mode; NaN beyond its end."""
 
@@ -125,8 +117,8 @@ def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int
 
 def interactions(
     omega_n: Float[np.ndarray, " mode"], mode: int, levels: Levels, omega: Levels
-) -> list[Interaction]:
-    """Return the modes within 1 % of a harmonic of one mode's motion, with the amplitudes."""
+) -> list[tuple[int, int, float]]:
+    """Return harmonic, mode and amplitude where a mode is within 1 % of a harmonic of another."""
     met = []
     solved = np.isfinite(omega)
     for order in ORDERS:
@@ -134,8 +126,7 @@ def interactions(
             away = omega_n[other] / (order * omega[solved]) - 1.0
             nearest = int(np.argmin(np.abs(away)))
             if abs(away[nearest]) < NEAR:
-                place = _crossing(away, levels[solved], nearest)
-                met.append(Interaction(order, other, place))
+                met.append((order, other, _crossing(away, levels[solved], nearest)))
     return met
 
 
@@ -168,15 +159,16 @@ def _title(mode: int, curve: BackboneCurve, factor: float, unit: str) -> str:
     return labels.fold(name, f"{number(factor * curve.end)} {unit}")
 
 
-def _mark(column: Panels, interaction: Interaction, factor: float, unit: str) -> None:
+def _mark(column: Panels, interaction: tuple[int, int, float], factor: float, unit: str) -> None:
     """Draw a line at the amplitude at which a harmonic meets another mode; name that mode."""
-    place = factor * interaction.x_peak
+    order, mode, x_peak = interaction
+    place = factor * x_peak
     for panel in column:
         panel.axvline(place, color=SOFT, lw=0.8, ls=":")
     low, high = column[0].get_xlim()
     ha, away = ("right", -3) if place > 0.5 * (low + high) else ("left", 3)
     column[0].annotate(
-        f"1:{interaction.order} with mode {interaction.mode + 1}\nat {number(place)} {unit}",
+        f"1:{order} with mode {mode + 1}\nat {number(place)} {unit}",
         (place, 0.04), xycoords=("data", "axes fraction"), xytext=(away, 0),
         textcoords="offset points", ha=ha, fontsize=7, color=INK,
     )  # fmt: skip

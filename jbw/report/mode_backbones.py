@@ -7,7 +7,7 @@ import xarray as xr
 
 from jbw.errors import DataError
 from jbw.report.messages import figures as labels
-from jbw.report.result import branch
+from jbw.report.result import arrays, branch
 from jbw.report.style import (
     BAND,
     INK,
@@ -60,9 +60,9 @@ def _stuck_hz(of_mode: xr.Dataset) -> float:
 
 
 def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
-    largest = float(of_mode["displacement"].values[-1])
-    factor, unit = length_unit(largest)
-    x = factor * of_mode["displacement"].values
+    (x,) = arrays(of_mode, "displacement")
+    factor, unit = length_unit(float(x[-1]))
+    x = factor * x
     for panel, name, quantity, scale in (
         (column[0], "frequency_hz", "frequency", 1.0),
         (column[1], "damping", "damping", 100.0),

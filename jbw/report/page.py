@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from jbw.errors import ConfigError, DataError, printable
 from jbw.report import tables
-from jbw.report.charts import CurvePoints, charts_of, decimated, shared_limit, shown_text
+from jbw.report.charts import charts_of, decimated, shared_limit, shown_text
 from jbw.report.cycles import cycles_table
 from jbw.report.figures import FIGURE_LIST, GROUPS, DrawnFigure, ReportFigure, draw_figures
 from jbw.report.identifiability import directions_table, quantities_table
@@ -253,5 +253,5 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
 
 def _lighter(line: Mapping[str, Any], limit: int) -> dict[str, Any]:
     """Reduce one of plotly's curves to at most `limit` points."""
-    x, y = decimated(CurvePoints(line["x"], line["y"]), limit)
+    x, y = decimated(line["x"], line["y"], limit)
     return {**line, "x": x, "y": y}

@@ -12,7 +12,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 from jbw.report import style
 from jbw.report.chosen import Part, selected
 from jbw.report.messages import figures as labels
-from jbw.report.result import fitted_text, frequency, level_text, quantiles, tests, unit_of
+from jbw.report.result import arrays, fitted_text, frequency, level_text, quantiles, tests, unit_of
 from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, shade, title
 from jbw.report.text import axis_label, percent, plain
 
@@ -69,12 +69,12 @@ def draw_record(
 
     `less` is the subtracted curve; a record is thinned to extremes of `count` stretches.
     """
-    time = np.asarray(part["time"], float)
+    (time,) = arrays(part, "time")
     for name, colour, label in bands_of(part):
         low, _, high = quantiles(part, name) - less
         shade(ax, *extremes(time, low, high, count), colour, label, alpha=0.5)
     if "measured" in part:
-        values = np.asarray(part["measured"], float) - less
+        values = arrays(part, "measured")[0] - less
         if count is None:
             ax.plot(time, values, color=INK, lw=0.8, label=measured)
         else:
@@ -133,7 +133,7 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
     sweeps = selected(tests(tree, "verification/sweep", "measured", *bands), part)
     axes = panels(ax, len(sweeps), 3, height=0.7 + 1.75 * len(sweeps))
     for (full, zoom, rest), (name, test) in zip(axes, sweeps, strict=True):
-        time, measured = (np.asarray(test[key], float) for key in ("time", "measured"))
+        time, measured = arrays(test, "time", "measured")
         several = test.sizes.get("repeat", 2) > 1
         label = labels.REPEATS_MEAN if several else "measured"
         shade(full, *extremes(time, measured, measured), INK, label, alpha=0.75)
@@ -173,20 +173,21 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
     for (full, zoom, rest), (name, test) in zip(axes, ordered, strict=True):
         look = {"count": FEWER, "measured": "measured, in the band"}
         low, middle, high = quantiles(test, "model_band")
+        time, measured = arrays(test, "time", "measured")
         draw_record(full, test[["measured"]], **look)
-        edges = extremes(np.asarray(test["time"], float), low, high, FEWER)
+        edges = extremes(time, low, high, FEWER)
         draw_outline(full, *edges, "outline of the model")
         # Periods at two thirds of the record are shown, where an error of frequency has
         # accumulated.
-        late, size = 2 * test.sizes["time"] // 3, max(64, test.sizes["time"] // 20)
-        near = np.asarray(test["measured"], float)[late : late + size]
+        late, size = 2 * time.size // 3, max(64, time.size // 20)
+        near = measured[late : late + size]
         draw_record(zoom, test.isel(time=slice(late, late + length_of(near, PERIODS))))
         draw_record(rest, test, less=middle, **look)
         # The line marks the end of the part from which a held-out record's initial state was
         # estimated.
         seen = float(test.attrs.get("seen_s", 0.0))
         for panel in (full, rest) if seen > 0 else ():
-            panel.axvline(float(test["time"][0]) + seen, color=style.SOFT, lw=0.8, ls="--")
+            panel.axvline(time[0] + seen, color=style.SOFT, lw=0.8, ls="--")
         full.set_ylabel(response_label(test))
         words = (short(plain(name)), fitted_text(test) or "fitted")
         title(full, ", ".join(words), size=8)
@@ -209,7 +210,7 @@ def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
         ax, len(multisines), 2, height=0.6 + 2.7 * len(multisines), width_ratios=[1, 1.35]
     )
     for (response, spectra), (name, test) in zip(axes, multisines, strict=True):
-        measured = np.asarray(test["measured"], float)
+        (measured,) = arrays(test, "measured")
         largest = test.isel(time=around(measured, length_of(measured, WIDE_PERIODS) // 2))
         draw_record(response, largest[["measured", "model_band"]], measured="measured")
         response.set(xlabel="time [s]", ylabel=response_label(test))

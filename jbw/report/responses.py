@@ -19,6 +19,7 @@ from jbw.report.chosen import Part, selected
 from jbw.report.messages import figures as labels
 from jbw.report.records import bands_of, short
 from jbw.report.result import (
+    arrays,
     branch,
     fitted_text,
     frequency,
@@ -77,7 +78,7 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     needed = ("h_magnitude", "h_phase", "coherence", "fit_magnitude", "fit_phase")
     line = branch(tree, "steps/linear", *needed)
-    freq, magnitude = frequency(line), np.asarray(line["h_magnitude"], float)
+    freq, magnitude, (dim,) = frequency(line), *arrays(line, "h_magnitude"), line["coherence"].dims
     peak = freq[int(np.nanargmax(magnitude))]
     wide = (max(freq[0], peak / 6.0), min(freq[-1], 3.0 * peak))
     near = resonance_window(freq, magnitude, depth=0.25)
@@ -87,15 +88,15 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
         (axes[:, 1], near, {"marker": ".", "ms": 2.5, "lw": 0}, None),
     ):
         shown = (freq >= low) & (freq <= high)
-        part = line.isel({line["h_magnitude"].dims[0]: shown})
+        h, phase, coherence, h_fit, phase_fit = arrays(line.isel({dim: shown}), *needed)
         measured = {"color": INK, **marks}
         # Measured points lie on the fit; the fit is therefore drawn wider and behind them.
         fit = {"color": MODEL, "lw": 3.0, "alpha": 0.6, "zorder": 1.5}
-        column[0].plot(freq[shown], part["h_magnitude"], label=label, **measured)
-        column[0].plot(freq[shown], part["fit_magnitude"], label="line fit", **fit)
-        column[1].plot(freq[shown], wrap_degrees(part["h_phase"]), **measured)
-        column[1].plot(freq[shown], wrap_degrees(part["fit_phase"]), **fit)
-        column[2].plot(freq[shown], part["coherence"], **measured)
+        column[0].plot(freq[shown], h, label=label, **measured)
+        column[0].plot(freq[shown], h_fit, label="line fit", **fit)
+        column[1].plot(freq[shown], wrap_degrees(phase), **measured)
+        column[1].plot(freq[shown], wrap_degrees(phase_fit), **fit)
+        column[2].plot(freq[shown], coherence, **measured)
         column[2].set_xlim(low, high)
     axes[0, 0].set_yscale("log")
     axes[1, 0].set_yticks([-180, -90, 0])
@@ -157,7 +158,7 @@ def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 fr
         [
             [np.interp(freq, frequency(test), magnitude, np.nan, np.nan) for magnitude in repeats]
             for test in family
-            for repeats in [np.asarray(test["measured_magnitude"].transpose("repeat", ...), float)]
+            for repeats in arrays(test.transpose("repeat", ...), "measured_magnitude")
         ]
     )
     # At frequencies that another test lacks, only the first test is used.
@@ -193,8 +194,8 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
     shown = (freq >= low) & (freq <= high)
     dim = next(name for name in test["model_magnitude"].dims if name != "quantile")
     freq, test = freq[shown], test.isel({dim: shown})
-    magnitude = np.asarray(test["measured_magnitude"].transpose("repeat", ...), float)
-    phase = np.asarray(test["measured_phase"].transpose("repeat", ...), float)
+    names = ("measured_magnitude", "measured_phase")
+    magnitude, phase = arrays(test.transpose("repeat", ...), *names)
     band = quantiles(test, "model_magnitude")
     turned = wrap_band(quantiles(test, "model_phase"))
     for panel, repeats, model in (
@@ -336,24 +337,26 @@ def stabilisation_diagram(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: the diagram, and the magnitude (2 axes).
     """
-    modes = branch(tree, "modes", "omega", "zeta", "h_magnitude", "fit_magnitude", "pole_order")
+    needed = ("omega", "zeta", "pole_omega", "pole_order", "h_magnitude", "fit_magnitude")
+    modes = branch(tree, "modes", *needed)
+    omega_n, zeta_n, poles, order, h, h_fit = arrays(modes, *needed)
     axes = panels(ax, 2, 1, height=4.6, sharex=True, height_ratios=[1.2, 1])
     upper, lower = axes[:, 0]
-    freq, order = np.asarray(modes["pole_omega"]) / TURN, np.asarray(modes["pole_order"])
+    freq = poles / TURN
     stable = np.asarray(modes["pole_is_stable"], bool)
     look = {"lw": 0, "marker": "o", "ms": 3.4, "mew": 0.7}
     upper.plot(freq[~stable], order[~stable], color=SOFT, mfc="none", label="pole", **look)
     upper.plot(freq[stable], order[stable], color=INK, label="pole that stays", **look)
-    lower.plot(frequency(modes), modes["h_magnitude"], color=INK, lw=0.9, label="measured")
+    lower.plot(frequency(modes), h, color=INK, lw=0.9, label="measured")
     fit = {"color": MODEL, "lw": 3.0, "alpha": 0.6, "zorder": 1.5, "label": "fit of the modes"}
-    lower.plot(frequency(modes), modes["fit_magnitude"], **fit)
-    for natural_frequency in np.asarray(modes["omega"]) / TURN:
+    lower.plot(frequency(modes), h_fit, **fit)
+    for natural_frequency in omega_n / TURN:
         for panel in (upper, lower):
             panel.axvline(natural_frequency, color=MODEL, lw=0.8, ls=":")
     log_y(lower)
     modes_fitted = (
         f"{number(omega / TURN, digits=4)} Hz ({number(100 * zeta, digits=2)} %)"
-        for omega, zeta in zip(modes["omega"].values, modes["zeta"].values, strict=True)
+        for omega, zeta in zip(omega_n, zeta_n, strict=True)
     )
     title(upper, f"modes fitted: {', '.join(modes_fitted)}")
     receptance = axis_label("receptance", unit_of(modes["h_magnitude"]))
@@ -398,10 +401,10 @@ def _spectrum(ax: Axes, spectrum: xr.Dataset) -> None:
 
 
 def _measured_kernel(pair: Panels, kernel: xr.Dataset, label: str) -> None:
-    magnitude = kernel["measured_magnitude"].transpose("repeat", ...)
-    phase = wrap_degrees(kernel["measured_phase"].transpose("repeat", ...))
+    magnitude, phase = (kernel[n].transpose("repeat", ...)
+                        for n in ("measured_magnitude", "measured_phase"))  # fmt: skip
     look = {"color": INK, "marker": "o", "mfc": "none", "mew": 0.6, "ms": 3.2, "lw": 0}
-    for panel, values in zip(pair, (magnitude, phase), strict=True):
+    for panel, values in zip(pair, (magnitude, wrap_degrees(phase)), strict=True):
         panel.plot(frequency(kernel), np.asarray(values).T, **look)[0].set_label(label)
     log_y(pair[0])
     pair[0].set_ylabel(axis_label("|H₃|", unit_of(magnitude)))

@@ -269,6 +269,11 @@ def unit_of(values: xr.DataArray) -> str:
     return in_dialect(str(values.attrs.get("units", "")))
 
 
+def arrays(group: xr.Dataset, *names: str) -> list[Float[np.ndarray, "..."]]:
+    """Return variables of a group as arrays of numbers, in the order of their names."""
+    return [np.asarray(group[name], float) for name in names]
+
+
 def quantiles(group: xr.Dataset, name: str) -> Float[np.ndarray, "quantile ..."]:
     """Return lower end, median and upper end of a variable's band, along the first axis."""
     return np.asarray(group[name].transpose("quantile", ...), float)

@@ -16,7 +16,7 @@ from jbw.quantities import natural
 from jbw.report.loops import BAND_SDS, MILLI, enclosed_areas
 from jbw.report.messages import tables as notes
 from jbw.report.responses import resonance_window
-from jbw.report.result import branch, frequency, node
+from jbw.report.result import arrays, branch, frequency, node
 from jbw.report.table import (
     Cell,
     Column,
@@ -100,10 +100,10 @@ def parameters_table(summary: RunSummary, quantities: Names, *, shown: bool = Fa
 
 def _as_shown(row: StoredParameter) -> StoredParameter:
     """Return a parameter's numbers in the unit that the page shows."""
-    shown = shown_as(row.name, row.unit)
+    factor, unit, suffix = shown_as(row.name, row.unit)
     numbers = {key: getattr(row, key) for key in IN_UNIT}
-    scaled = {key: shown.factor * value for key, value in numbers.items() if value is not None}
-    return row.replaced(**scaled, unit=shown.unit, suffix=shown.suffix)
+    scaled = {key: factor * value for key, value in numbers.items() if value is not None}
+    return row.replaced(**scaled, unit=unit, suffix=suffix)
 
 
 def _unit(row: StoredParameter) -> str:
@@ -315,14 +315,15 @@ def joints_table(tree: xr.DataTree) -> Table:
         joints = group.to_dataset()
         for joint, mode in product(joints["joint"].values, joints["mode"].values):
             effect = joints.sel(joint=joint, mode=mode)
+            hz, energy, is_identified = arrays(effect, "frequency_hz", "energy_share", "identified")
             shares = (_share(effect[name].values) if name in effect else NOTHING for name in SHARES)
             rows.append(
                 (
                     str(joint),
-                    f"{mode}, {float(effect['frequency_hz']):.4g} Hz",
-                    percent(float(effect["energy_share"]), digits=2),
+                    f"{mode}, {hz:.4g} Hz",
+                    percent(float(energy), digits=2),
                     *shares,
-                    "identified" if bool(effect["identified"]) else "unidentified",
+                    "identified" if is_identified else "unidentified",
                 )
             )
     headings = (
@@ -349,9 +350,9 @@ def checks_table(tree: xr.DataTree, quantities: Names) -> Table:
     rows: list[tuple[str, str, str]] = []
     with suppress(DataError):
         line = branch(tree, "steps/linear", "coherence", "h_magnitude")
-        freq = frequency(line)
-        low, high = resonance_window(freq, np.asarray(line["h_magnitude"], float), depth=0.3)
-        least = np.nanmin(np.asarray(line["coherence"], float)[(freq >= low) & (freq <= high)])
+        freq, (magnitude, coherence) = frequency(line), arrays(line, "h_magnitude", "coherence")
+        low, high = resonance_window(freq, magnitude, depth=0.3)
+        least = np.nanmin(coherence[(freq >= low) & (freq <= high)])
         rows.append((notes.COHERENCE, number(least), notes.COHERENCE_NOTE))
     with suppress(DataError):
         for key, value in branch(tree, "steps/linear").attrs.items():

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -113,26 +113,15 @@ def spread_text(draws: Any, unit: str) -> str:
     return f"{text} ± {percent(half / abs(middle), digits=2)}" if middle else text
 
 
-class ShownAs(NamedTuple):
-    """How a parameter is displayed: factor of its values, unit, and suffix of its symbol.
-
-    Values are multiplied by `factor`, and the symbol gets the `suffix`.
-    """
-
-    factor: float
-    unit: str
-    suffix: str
-
-
-def shown_as(name: str, unit: str) -> ShownAs:
-    """Return the displayed form of a parameter, such as Hz for rad/s and per cent for ratios.
+def shown_as(name: str, unit: str) -> tuple[float, str, str]:
+    """Return the factor of a parameter's displayed values, their unit, and its symbol's suffix.
 
     ωₙ [rad/s] is shown as ωₙ/2π in Hz, and damping ratios in per cent.
     """
     if in_dialect(unit) == "rad/s":
-        return ShownAs(1.0 / (2.0 * math.pi), "Hz", "/2π")
+        return 1.0 / (2.0 * math.pi), "Hz", "/2π"
     is_ratio = unit in ("", "1") and re.match(r"zeta(_|\[|$)", name) is not None
-    return ShownAs(100.0, "%", "") if is_ratio else ShownAs(1.0, unit, "")
+    return (100.0, "%", "") if is_ratio else (1.0, unit, "")
 
 
 def length_unit(largest: float) -> tuple[float, str]:

@@ -6,7 +6,7 @@ density over its bin. With a density near the inverse of the slip, the relative 
 is nearly the same at every amplitude.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
@@ -37,7 +37,7 @@ GRADING = 3  # Edges of the bins of slip limits are evenly spaced numbers to thi
 FARTHEST = 0.1  # slip limit of the last slider, for a density without an end [m]
 
 
-def jenkins(theta: Mapping[str, Scalar]) -> list[Force]:
+def jenkins(**theta: Scalar) -> list[Force]:
     """Return sliders from their stiffnesses, the first slip displacement [m] and slip ratios."""
     springs = [x for name, x in theta.items() if name.startswith("stiffness")]
     # The first entry is the slip in metres, and each later entry is a ratio.
@@ -66,26 +66,28 @@ def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> SliderForces:
     return _binned(r * x ** (chi + 1) / (chi + 1), r * x ** (chi + 2) / (chi + 2))
 
 
-def iwan4(theta: Mapping[str, Scalar]) -> list[Force]:
+def iwan4(
+    iwan_stiffness: Scalar, iwan_loss: Scalar, iwan_chi: Scalar, iwan_beta: Scalar
+) -> list[Force]:
     """Return sliders with Segalman's density, and those at its end that slip together."""
-    chi, spread = theta["iwan_chi"], theta["iwan_stiffness"] / (1 + theta["iwan_beta"])
-    r = theta["iwan_loss"] * (chi + 1) * (chi + 2) / MILLIMETRE ** (chi + 1)
+    chi, spread = iwan_chi, iwan_stiffness / (1 + iwan_beta)
+    r = iwan_loss * (chi + 1) * (chi + 2) / MILLIMETRE ** (chi + 1)
     last = (spread * (chi + 1) / r) ** (1 / (chi + 1))
-    together = SliderForces(_row([theta["iwan_beta"] * spread]), _row([last]))
+    together = SliderForces(_row([iwan_beta * spread]), _row([last]))
     return [_power_density(r, chi, last), together]
 
 
-def masing_power(theta: Mapping[str, Scalar]) -> list[Force]:
+def masing_power(power_loss: Scalar, power_exponent: Scalar) -> list[Force]:
     """Return sliders with a power-law density, and a spring that subtracts their stiffness."""
-    q = theta["power_exponent"]
-    r = theta["power_loss"] * q * (q + 1) / MILLIMETRE**q
+    q = power_exponent
+    r = power_loss * q * (q + 1) / MILLIMETRE**q
     sliders = _power_density(r, q - 1, FARTHEST)
     return [sliders, LinearSpring(-sliders.stiffness)]
 
 
-def masing_exponential(theta: Mapping[str, Scalar]) -> list[Force]:
+def masing_exponential(exponential_alpha: Scalar, exponential_b: Scalar) -> list[Force]:
     r"""Return sliders with the density $\alpha b\,e^{-b\varphi}$ of slip limits $\varphi$."""
-    alpha, b = theta["exponential_alpha"], theta["exponential_b"]
+    alpha, b = exponential_alpha, exponential_b
     x = _slips(40.0 / b)  # Only 4e-18 of the sliders slip beyond this.
     passed = jnp.exp(-b * x)
     return [_binned(-alpha * passed, -alpha * passed * (x + 1 / b))]
@@ -93,24 +95,29 @@ def masing_exponential(theta: Mapping[str, Scalar]) -> list[Force]:
 
 # The rig's parallel forces for each law of a campaign; the number in a name such as `jenkins_3` is
 # omitted.
-FORCES: dict[str, Callable[[Mapping[str, Scalar]], Sequence[Force]]] = {
-    "bouc_wen": lambda theta: [BoucWenForce(**theta)],
-    "bouc_wen_nu": lambda theta: [BoucWenNuForce(**theta)],
-    "bwbn": lambda theta: [WornForce(**theta)],
-    "bwbn_pinching": lambda theta: [WornForce(**theta)],
-    "cubic": lambda theta: [PowerSpring(theta["cubic"], 3)],
-    "cubic_damping": lambda theta: [Drag(theta["cubic_damping"], 3)],
-    "gap_series": lambda theta: [GapForce(**theta)],
-    "iwan": iwan4,
+FORCES: dict[str, Callable[..., Sequence[Force]]] = {
+    "bouc_wen": lambda **theta: [BoucWenForce(**theta)],
+    "bouc_wen_nu": lambda **theta: [BoucWenNuForce(**theta)],
+    "bwbn": lambda **theta: [WornForce(**theta)],
+    "bwbn_pinching": lambda **theta: [WornForce(**theta)],
+    "cubic": lambda cubic: [PowerSpring(cubic, 3)],
+    "cubic_damping": lambda cubic_damping: [Drag(cubic_damping, 3)],
+    "gap_series": lambda **theta: [GapForce(**theta)],
+    "iwan4": iwan4,
     "jenkins": jenkins,
     "masing_exponential": masing_exponential,
     "masing_power": masing_power,
-    "quadratic": lambda theta: [PowerSpring(theta["quadratic"], 2)],
-    "quadratic_damping": lambda theta: [Drag(theta["quadratic_damping"], 2)],
-    "quintic": lambda theta: [PowerSpring(theta["quintic"], 5)],
-    "square": lambda theta: [EvenSpring(theta["square"])],
-    "stop": lambda theta: [StopForce(theta["stop_stiffness"], theta["stop_gap"])],
+    "quadratic": lambda quadratic: [PowerSpring(quadratic, 2)],
+    "quadratic_damping": lambda quadratic_damping: [Drag(quadratic_damping, 2)],
+    "quintic": lambda quintic: [PowerSpring(quintic, 5)],
+    "square": lambda square: [EvenSpring(square)],
+    "stop": lambda stop_stiffness, stop_gap: [StopForce(stop_stiffness, stop_gap)],
 }
+
+
+def kind_of(law: Law | type[Law]) -> str:
+    """Return the key of a law in `FORCES`: its name, for a family's member without the number."""
+    return law.name if law.name in FORCES else law.name.rstrip("_0123456789")
 
 
 def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> tuple[Force, ...]:
@@ -122,12 +129,11 @@ def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> t
                 f"Parameter `joint.nu` of the rig must be 1, but is {nu}.",
                 remedy="For any nu, use the law `bouc_wen_nu`: BoucWenNu.of_bouc_wen(...).",
             )
-        kind = law.name.rstrip("_0123456789")
-        if kind not in FORCES:
+        if (kind := kind_of(law)) not in FORCES:
             raise ModelError(
                 f"The rig does not have the law `{law.name}`, but only {', '.join(FORCES)}.",
                 why="The rig integrates every law by separate code.",
                 remedy="Make records with `simulate`, which accepts every law.",
             )
-        forces += FORCES[kind]({name: number(x) for name, x in law.parameters().items()})
+        forces += FORCES[kind](**{name: number(x) for name, x in law.parameters().items()})
     return tuple(forces)

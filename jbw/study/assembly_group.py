@@ -71,7 +71,7 @@ def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Da
     highest = max((int(node) for node in nodes if node.isdecimal()), default=0)
     units = [joint_units(SI, rotates=rotates(of_joint)) for of_joint in terms]
     stiffness = {"units": "N/m", "long_name": "stiffness in full stick"}
-    weight = {"units": "1", "long_name": messages.VARIABLES["weight"]}
+    weight = {"units": "1", "long_name": messages.WEIGHT_OF_DOF}
     return xr.Dataset(
         {
             "weight": (("joint", "dof"), weights, weight),

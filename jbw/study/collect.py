@@ -31,7 +31,7 @@ from jbw.identification.step import Step
 from jbw.identification.tied_joints import tied_evidence, tied_laws
 from jbw.inference.generator import generator, parts_of
 from jbw.inference.lanes import in_background
-from jbw.inference.posterior.summary import running_mean
+from jbw.inference.posterior.summary import posterior_draws, running_mean, shape_of
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset, measured_parts
@@ -63,11 +63,11 @@ SILENCE = 1e-12
 KEY = 200
 RESPONSE = {
     "units": "1",
-    "long_name": messages.VARIABLES["response"],
+    "long_name": messages.RMS_OF_RESPONSE,
 }
 LIKELIHOOD = {
     "units": "1",
-    "long_name": messages.VARIABLES["log_likelihood"],
+    "long_name": messages.LIKELIHOOD_OF_RECORD,
 }
 
 Draws = Mapping[str, Float[np.ndarray, " draw"]]
@@ -189,7 +189,7 @@ def _kernel_groups(
     groups: Groups = {"/verification/spectrum": _tone_spectrum(probing[len(probing) // 2])}
     posteriors = {}
     for name, prefix in (("third_order_nuts", "nuts"), ("third_order_paper", "paper")):
-        posteriors[prefix] = steps[name].posterior["posterior"].to_dataset()
+        posteriors[prefix] = posterior_draws(steps[name].posterior)
         energy = step3.integrals(posteriors[prefix], third_order.data)
         groups[f"/steps/{name}/sample_stats"] = _with_conv(steps[name], energy, "rad s^11/m^4")
     groups["/verification/h3"] = _kernel_verification(third_order, posteriors)
@@ -233,7 +233,7 @@ def _tone_spectrum(test: Test) -> xr.Dataset:
 
 def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
     conv = np.stack([running_mean(chain) for chain in energy])
-    attrs = {"units": unit, "long_name": messages.VARIABLES["conv"]}
+    attrs = {"units": unit, "long_name": messages.RUNNING_ENERGY}
     return step.posterior["sample_stats"].to_dataset().assign(conv=(("chain", "draw"), conv, attrs))
 
 
@@ -258,7 +258,7 @@ def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
 def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
     """Return the ArviZ groups of the joint posterior, by path in the tree."""
     posterior, data, box = joint.draws, joint.fitted.data, joint.fitted.box
-    shape = posterior.sizes["chain"], posterior.sizes["draw"]
+    shape = shape_of(posterior)
     keys = parts_of(jax.random.fold_in(jax.random.key(seed), KEY), 3)
     theta = {name: posterior[name].values.ravel() for name in box.names}
     noise = noise_of(posterior)
@@ -346,7 +346,7 @@ def _joined(records: RecordTerms, field: str) -> Float[np.ndarray, "*draw record
 
 def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Dataset) -> xr.Dataset:
     """Return each draw's log prior densities: of parameters, noise, the FRF fit and run offsets."""
-    shape = posterior.sizes["chain"], posterior.sizes["draw"]
+    shape = shape_of(posterior)
     coords: dict[Any, Any] = dict(posterior.coords)
     attrs = {"units": "1", "long_name": "log prior density [nats]"}
     variables: dict[str, Any] = {

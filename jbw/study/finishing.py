@@ -17,6 +17,7 @@ from jbw.identification.instruments import as_recorded, instruments_sentence, se
 from jbw.identification.procedure import Identification
 from jbw.identification.selection import fitted_for_use
 from jbw.inference.posterior.finding import ASKED, WORST_FIRST, Finding, Verdict, judge
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.inference.samplers.chunked_run import Keep
 from jbw.report.messages import stages as messages
 from jbw.report.messages.instruments import BESIDE_MATRICES
@@ -77,7 +78,7 @@ def measured_groups(
     """
     groups: dict[str, xr.Dataset] = {str(path): group for path, group in tree.to_dict().items()}
     if wide is not None:
-        groups |= _with_instruments(tree["posterior"].to_dataset(), wide)
+        groups |= _with_instruments(posterior_draws(tree), wide)
     groups |= look_groups(prepared.look, entered(prepared.measured))
     if order.campaign.joints is not None:
         modes = tree["joints"].to_dataset()["frequency_hz"].values if "joints" in tree else ()

@@ -49,7 +49,7 @@ def random_of(basis: Basis, profile: RandomProfile, duration: float, load: Load)
     band = float(stated.freq_hz[0]), float(stated.freq_hz[-1])
     freq_hz = _frequencies(found[0].frequency_hz, found[0].damping, band, FEW)
     rows = [_random(response, load, seen, freq_hz, duration) for response in found]
-    units = messages.units_of_random(seen.attrs)
+    units = messages.units_of_random(seen.unit, seen.name)
     variables = {
         name: (
             ("quantile", "freq") if name == "psd" else "quantile",

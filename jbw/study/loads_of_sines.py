@@ -45,7 +45,7 @@ def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Datase
         known = {"folds": folds, "reach": ready.reach, "withheld": float(ready.withheld)}
         columns.append({**column, **known})
         warnings += ready.warnings
-    units = messages.units_of_resonance(seen.attrs)
+    units = messages.units_of_resonance(seen.unit, seen.name)
     variables = {
         name: (
             ("quantile", "level") if np.ndim(columns[0][name]) else "level",

@@ -11,6 +11,7 @@ import xarray as xr
 from jbw.report.load_section import POSTERIOR
 from jbw.report.loads import load_figure
 from jbw.report.messages import loads as messages
+from jbw.results.loads import LoadNumber
 from jbw.run.netcdf import write_tree
 from jbw.study.store import Write, save_outputs, write_figure, write_json
 from jbw.verification.places import safe
@@ -19,7 +20,7 @@ from jbw.verification.places import safe
 def save_loads(
     folder: Path,
     found: Mapping[str, xr.Dataset],
-    rows: Sequence[Mapping[str, Any]],
+    rows: Sequence[LoadNumber],
     posterior: str | None = None,
 ) -> None:
     """Write loads.nc, loads.json, CSV files and figures of predictions; write nothing if one fails.
@@ -52,10 +53,10 @@ def save_loads(
     save_outputs(folder, numbers, {"figures": draw})
 
 
-def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def plain_rows(rows: Sequence[LoadNumber]) -> list[dict[str, Any]]:
     """Return rows of plain values in which infinite numbers and NaN are replaced by None."""
     return [
-        {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in row.items()}
+        {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in row}
         for row in rows
     ]
 

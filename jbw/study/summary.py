@@ -21,7 +21,7 @@ from jbw.identification.procedure import Identification
 from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
 from jbw.identification.tied_joints import tied_record
-from jbw.inference.posterior.summary import as_plain, correlations, summarise
+from jbw.inference.posterior.summary import as_plain, correlations, posterior_draws, summarise
 from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import INPUTS, Test
 from jbw.observables.dataset import Dataset
@@ -207,7 +207,7 @@ def widened_by_instruments(
         return None
     main = found.main
     best = main.fit if main.name == "joint" else None
-    posterior = main.posterior["posterior"].to_dataset()
+    posterior = posterior_draws(main.posterior)
     return with_instruments(
         posterior, campaign.instruments, sensors, seed=seed, best=best, data=found.data
     )
@@ -230,7 +230,7 @@ def step_record(
         drawn = step.posterior.assign(posterior=xr.DataTree(wide))
         rows = spread_of(rows, summarise(drawn, step.box, stated))
     rows = as_plain(rows)
-    posterior = step.posterior["posterior"].to_dataset()
+    posterior = posterior_draws(step.posterior)
     runs = step.posterior.children.get("runs")
     return StoredStep(
         verdict=step.verdict.stored(),

@@ -59,36 +59,34 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     compared = _compared(source, test, data, np.full(len(test.records), std))
     # The starting displacement is that of the strongest record, at the natural frequency.
     order = derivative_order(data.response)
-    strongest = max(comparison.attrs["level"] for comparison in compared)
+    levels, nrmse, own, coverage, counts = (
+        np.array([comparison.attrs[name] for comparison in compared])
+        for name in ("level", "nrmse", "nrmse_own_frequency", "coverage", "num_values")
+    )
+    strongest = float(levels.max())
     peak = strongest / source.draws["omega_n"] ** order
-    unit = float(np.mean(source.draws["omega_n"])) ** order
-    begins = tuple(comparison.attrs["level"] / unit for comparison in compared)
+    unit = source.omega_n**order
+    begins = tuple((levels / unit).tolist())
     band_name = "predictive_band" if source.noise else "model_band"
     late = [
-        comparison.isel(
-            time=comparison["time"] >= comparison["time"][0] + comparison.attrs["seen_s"]
-        )
+        comparison.isel(time=time >= time[0] + comparison.attrs["seen_s"])
         for comparison in compared
+        for time in [comparison["time"]]
     ]
-    measured = np.concatenate([comparison["measured"].values for comparison in late])
+    responses = [comparison["measured"].values for comparison in late]
+    measured = np.concatenate(responses)
     median = np.concatenate([comparison["model_band"].values[1] for comparison in late])
     edges = np.concatenate([comparison[band_name].values for comparison in late], axis=1)
-    counts = [comparison.attrs["num_values"] for comparison in compared]
-    far = xr.DataArray(
-        [comparison.attrs["nrmse"] for comparison in compared], dims="record", attrs={"units": "1"}
-    )
-    own = np.array([comparison.attrs["nrmse_own_frequency"] for comparison in compared])
-    squares = np.array([np.sum(comparison["measured"].values ** 2) for comparison in late])
+    far = xr.DataArray(nrmse, dims="record", attrs={"units": "1"})
+    squares = np.array([np.sum(response**2) for response in responses])
     joined = xr.concat(compared, "record", join="outer", combine_attrs="drop_conflicts")
     of_records = {"nrmse_of_record": far, "nrmse_own_of_record": far.copy(data=own)}
     dataset = joined.assign(of_records).assign_coords(record=repeats_named(test.records))
     dataset = dataset.assign_attrs(
         level=strongest,
         level_unit=UNIT_OF[data.response],
-        coverage=float(
-            np.average([comparison.attrs["coverage"] for comparison in compared], weights=counts)
-        ),
-        num_values=sum(counts),
+        coverage=float(np.average(coverage, weights=counts)),
+        num_values=int(counts.sum()),
         nrmse=error(measured, median),
         nrmse_own_frequency=float(np.sqrt(own**2 @ squares / squares.sum())),
         half_width=half_width(edges, measured),
@@ -110,7 +108,7 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
 def _reduced(source: Source, test: Test) -> Decays:
     """Return decays as the likelihood needs them, with the settings of the fit."""
     facts = source.basis.decay_facts
-    no_shift = NO_SHIFT * float(np.mean(source.draws["omega_n"]))
+    no_shift = NO_SHIFT * source.omega_n
     stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
     modes = modes_of_draws(source.draws)
     data = (
@@ -131,7 +129,7 @@ def _compared(
     chosen, key, comparisons = filter_of(test), jax.random.key(source.seed), []
     several = bool(data.several)
     entered, stride = (followed(source), chosen.stride) if several else (_along(source, data), 1)
-    omega_n = float(np.mean(source.draws["omega_n"]))
+    omega_n = source.omega_n
     unit, dims = {"units": UNIT_OF[data.response]}, ("quantile", "time")
     for i, (sampled, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
         measured_envelope = sampled[::stride]

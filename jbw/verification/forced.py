@@ -91,24 +91,25 @@ class ForcedTests:
         return source_of(self.basis, test, num_draws, missed, **how)
 
     def marks(self, test: Test) -> dict[str, Any]:
-        """Return a test's attributes: whether it was fitted, and what the test's bands include."""
-        flags = {
-            "fitted": int(test.name in self.fitted), "offsets": int(len(self.basis.scatter) > 0)
+        """Return a test's attributes: whether it was fitted, and what its bands include."""
+        is_fitted, basis = test.name in self.fitted, self.basis
+        return {
+            "fitted": int(is_fitted), "offsets": int(len(basis.scatter) > 0),
+            "scatter": int(basis.scatters(test)),
+            "discrepancy": int(not is_fitted and basis.misses),
         }  # fmt: skip
-        missed = not flags["fitted"] and self.basis.misses
-        scatter = int(self.basis.scatters(test))
-        return {**flags, "scatter": scatter, "discrepancy": int(missed)}
 
     def marked(
         self, kind: str, name: str, test: Test, predicted: Predicted
     ) -> tuple[str, xr.Dataset]:
         """Return a prediction with its path in the result tree; omit a band that is withheld."""
-        attrs = {"noise": predicted.noise.says, **self.marks(test)}
+        attrs, is_fitted = self.marks(test), test.name in self.fitted
+        attrs |= {"noise": predicted.noise.says}
         extrapolation = predicted.extrapolation(self.basis)
-        if extrapolation is not None and not attrs["fitted"]:
-            attrs["extrapolation"] = extrapolation
+        if extrapolation is not None and not is_fitted:
+            attrs |= {"extrapolation": extrapolation}
         compared = predicted.dataset.assign_attrs(attrs)
-        withheld = not attrs["fitted"] and is_withheld(self.basis, predicted.amplitudes)
+        withheld = not is_fitted and is_withheld(self.basis, predicted.amplitudes)
         where = place(f"verification/{kind}", name)
         return where, without_band(compared) if withheld else compared
 
@@ -165,7 +166,7 @@ def verify_forced(
     source: Source, simpler: Mapping[str, Reference], measured: Measured, attempts: Attempts
 ) -> dict[str, xr.Dataset]:
     """Compare all tests except free decays with the model; return groups by path in the tree."""
-    natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
+    natural_hz = source.omega_n / (2 * np.pi)
     loops: tuple[Test, ...] = ()
     if measured.linear is not None:
         natural_hz = measured.linear.natural_hz

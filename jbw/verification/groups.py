@@ -66,7 +66,7 @@ def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]
     observable, basis = _observable(test), source.basis
     if observable is None:
         raise TypeError(f"Tests of kind {test.kind} have no observable.")
-    omega_n = float(np.mean(source.draws["omega_n"]))
+    omega_n = source.omega_n
     for part in observable.reduce([test], laws=basis.laws, substeps=basis.substeps):
         peak = part.shown(omega_n).y_peak
         peaks = np.full(count_of(source.draws), peak) if peak > 0 else None

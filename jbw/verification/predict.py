@@ -1,6 +1,6 @@
 """Prediction of any test from the posterior of a run: bands, errors, extrapolation."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,25 +71,26 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     source = _source(basis, test, options)
     predicted = route_of(test)(source, test)
     dataset, peak, noise = predicted.dataset, predicted.peak, predicted.noise
-    facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
-    facts["scatter"] = int(basis.scatters(test) and not test.traits.is_free)
-    facts["noise"] = noise.says if options.noise else LEFT_OUT
     has_noise = noise.std is not None or source.model_error > 0
-    if options.noise and noise.std is None and has_noise:
-        facts["noise"] = ERROR_ALONE
+    says = ERROR_ALONE if noise.std is None and has_noise else noise.says
+    facts = {
+        "test": test.name, "kind": test.kind, "num_draws": source.num_draws,
+        "scatter": int(basis.scatters(test) and not test.traits.is_free),
+        "noise": says if options.noise else LEFT_OUT,
+    }  # fmt: skip
     is_unseen = options.noise and not basis.has_fitted(test)
     withheld = is_unseen and is_withheld(basis, predicted.amplitudes)
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
-        facts["lacking"] = ", ".join(lacking)
+        facts |= {"lacking": ", ".join(lacking)}
     # A free decay's level is its initial amplitude; its stated level has another unit.
     if np.isfinite(test.level) and not test.traits.is_free:
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
         facts |= {"level": test.level, "level_unit": unit}
     if options.noise and noise.std is not None and not withheld:
-        facts["noise_std"] = noise.std
+        facts |= {"noise_std": noise.std}
     if peak is not None:
-        facts["y_peak"] = band(peak)
+        facts |= {"y_peak": band(peak)}
     if (extrapolation := predicted.extrapolation(basis)) is not None:
         facts |= {"y_peak_fitted": basis.y_peak, "extrapolation": extrapolation}
     dataset = dataset.assign_attrs(facts)
@@ -226,32 +227,35 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
         >>> print(sentence.partition(",")[0])
         Test `sweep 12 to 26 Hz at 0.4` is predicted to reach 0.0148 m
     """
-    attrs = dataset.attrs
-    sentences = str(attrs.get("warnings", "")).splitlines()
-    if attrs.get("extrapolation", 0.0) > BEYOND:
-        sentences.append(
-            messages.extrapolated(
-                attrs["test"], attrs["y_peak"][-1], attrs["extrapolation"], attrs["y_peak_fitted"]
-            )
-        )
-    if attrs.get("input_near_mode", 1.0) < HARDLY:
-        sentences.append(messages.away_from_mode(attrs["test"], attrs["input_near_mode"]))
-    if attrs.get("lacking"):
-        sentences.append(messages.without_terms(attrs["test"], attrs["lacking"]))
-    return sentences
+    return list(_warnings(**dataset.attrs))
+
+
+def _warnings(
+    *, test: str = "", warnings: str = "", extrapolation: float = 0.0, y_peak: Any = (),
+    y_peak_fitted: float = 0.0, input_near_mode: float = 1.0, lacking: str = "", **_: Any,
+) -> Iterator[str]:  # fmt: skip
+    """Yield the warnings on a prediction with given attributes."""
+    yield from warnings.splitlines()
+    if extrapolation > BEYOND:
+        yield messages.extrapolated(test, y_peak[-1], extrapolation, y_peak_fitted)
+    if input_near_mode < HARDLY:
+        yield messages.away_from_mode(test, input_near_mode)
+    if lacking:
+        yield messages.without_terms(test, lacking)
 
 
 def row_of(dataset: xr.Dataset) -> dict[str, Any]:
     """Return a prediction as plain numbers, with None for unknown values."""
     attrs = dataset.attrs
     columns = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
-    row = {name: attrs.get(name) for name in columns}
-    peak = attrs.get("y_peak")
+    peak, reach = (attrs.get(name) for name in ("y_peak", "extrapolation"))
     marks = map(str, QUANTILES)
-    row["y_peak"] = None if peak is None else dict(zip(marks, map(float, peak), strict=True))
-    row |= {name: attrs.get(name) for name in ("y_peak_fitted", "extrapolation")}
-    row["beyond"] = attrs.get("extrapolation", 0.0) > BEYOND
-    row["warnings"] = warnings_of(dataset)
+    row = {
+        **{name: attrs.get(name) for name in columns},
+        "y_peak": None if peak is None else dict(zip(marks, map(float, peak), strict=True)),
+        "y_peak_fitted": attrs.get("y_peak_fitted"), "extrapolation": reach,
+        "beyond": reach is not None and reach > BEYOND, "warnings": warnings_of(dataset),
+    }  # fmt: skip
     return {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in row.items()}
 
 

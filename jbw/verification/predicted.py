@@ -91,6 +91,11 @@ class Source:
     model_error: float = 0.0
 
     @property
+    def omega_n(self) -> float:
+        """The mean natural frequency of the draws [rad/s]."""
+        return float(np.mean(self.draws["omega_n"]))
+
+    @property
     def num_draws(self) -> int:
         """The number of draws of all laws."""
         return count_of(self.draws) + sum(count_of(draws) for draws, _ in self.beside)

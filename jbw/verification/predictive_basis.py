@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from jbw.errors import ConfigError, DataError
 from jbw.identification.discrepancy import NOTHING, AtAmplitude, Discrepancy, discrepancy_in
 from jbw.inference.generator import generator
-from jbw.inference.posterior.summary import evenly_spaced
+from jbw.inference.posterior.summary import evenly_spaced, posterior_draws
 from jbw.measurement.curves import response_curve
 from jbw.measurement.records import INPUTS, RESPONSES, Test, belongs_to, drive_of, run_of
 from jbw.observables.dataset import Dataset, largest_displacement
@@ -148,10 +148,11 @@ class Basis:
         if self.runs is None or name is None:
             return self.draws(num_draws, gain, seed, drive, missed=missed)
         run = self.runs.sel(run=name)
-        theta = self.thinned(run.sizes["draw"])
+        count = run.sizes["draw"]
+        theta = self.thinned(count)
         theta |= {str(n): v.values for n, v in run.data_vars.items() if plain(str(n)) in OFFSETS}
         theta = of_drive(theta, drive)
-        indices = np.unique(np.linspace(0, run.sizes["draw"] - 1, num_draws).round().astype(int))
+        indices = np.unique(np.linspace(0, count - 1, num_draws).round().astype(int))
         return self._complete({name: values[indices] for name, values in theta.items()}, gain)
 
     def run_of(self, test: Test) -> str | None:
@@ -284,24 +285,25 @@ def decay_attrs(data: Decays) -> dict[str, str]:
 def basis_of(tree: xr.DataTree) -> Basis:
     """Return the inputs of a run's predictions from its stored result."""
     laws, attrs = laws_of_run(tree), tree.attrs
-    posterior = tree["posterior"].to_dataset()
+    posterior = posterior_draws(tree)
     # Predicted measurements have the same instrument errors, so their uncertainty is not added.
     if AS_RECORDED in tree.children:
         posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)
-    tests = json.loads(str(attrs.get("tests", "{}")))
+    tests, held, decay = (json.loads(str(attrs.get(n, "{}"))) for n in ("tests", "held", "decay"))
+    lacking, points = (tuple(json.loads(str(attrs.get(n, "[]")))) for n in ("lacking", "points"))
     return Basis(
         posterior,
-        json.loads(str(attrs.get("held", "{}"))),
+        held,
         {name: CampaignTest(**facts) for name, facts in tests.items()},
         float(attrs.get("y_peak", 0.0)),
         tuple(np.atleast_1d(attrs["scatter"]).tolist()) if "scatter" in attrs else (),
         int(attrs.get("substeps", SUBSTEPS)),
         _of_decays(tree, posterior, laws),
-        json.loads(str(attrs.get("decay", "{}"))),
+        decay,
         laws,
         tree["runs"].to_dataset() if "runs" in tree.children else None,
-        lacking=tuple(json.loads(str(attrs.get("lacking", "[]")))),
-        points=tuple(json.loads(str(attrs.get("points", "[]")))),
+        lacking=lacking,
+        points=points,
         discrepancy=discrepancy_in(tree["discrepancy"].to_dataset())
         if "discrepancy" in tree.children
         else None,

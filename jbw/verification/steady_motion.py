@@ -107,20 +107,20 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
     """
     omega, record = 2 * np.pi * test.tones_hz[0], test.records[0]
     cycles = [_cycles(record, test, omega) for record in test.records]
-    cycle = {name: np.mean([signals[name] for signals in cycles], axis=0) for name in cycles[0]}
+    own_y, u, own_v, own_a = np.mean(cycles, axis=0)
     fs = NUM_POINTS * omega / (2 * np.pi)
-    y, v, a = carry(_steady_cycle, draws, band_limited(cycle["u"], periodic=True), fs, laws)
-    drive = draws["gain"][:, None] * cycle["u"]
+    y, v, a = carry(_steady_cycle, draws, band_limited(u, periodic=True), fs, laws)
+    drive = draws["gain"][:, None] * u
     viscosity = (2 * draws["zeta"] * draws["omega_n"])[:, None]
     bands, energy = ("quantile", "phase"), {"units": "J/kg"}
     variables = {
-        "measured_y": ("phase", cycle["y"], LENGTH),
+        "measured_y": ("phase", own_y, LENGTH),
         "model_y": (bands, band(y), LENGTH),
     }
     for suffix, damping in (("", viscosity), ("_viscous", np.zeros_like(viscosity))):
-        force = drive - cycle["a"] - damping * cycle["v"]
+        force = drive - own_a - damping * own_v
         model = drive - a - damping * v
-        measured_area = enclosed_area(np.broadcast_to(cycle["y"], force.shape), force)
+        measured_area = enclosed_area(np.broadcast_to(own_y, force.shape), force)
         variables |= {
             f"measured_force{suffix}": ("phase", np.median(force, axis=0), FORCE),
             f"measured_force_band{suffix}": (bands, band(force), FORCE),
@@ -141,8 +141,8 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
     )
 
 
-def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.float64]]:
-    """Return one cycle of input and motion; phases refer to the input."""
+def _cycles(record: Record, test: Test, omega: float) -> Float[np.ndarray, "4 phase"]:
+    """Return a cycle of displacement, input, velocity and acceleration; the input has phase 0."""
     fs, (low, high) = record.fs, (part * omega / (2 * np.pi) for part in BAND)
     test = on_time(replace(test, records=(record,)))
     (record,) = test.records
@@ -154,9 +154,9 @@ def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.fl
     source = record.channels[record.source][keep][inner]
     channels = np.stack([y[inner], source, v[inner], a[inner]])
     cycles = mean_cycles(channels, fs, omega, NUM_POINTS)
-    spectra = dict(zip("yuva", np.fft.rfft(cycles), strict=True))
-    turn = np.exp(-1j * np.angle(spectra["u"][1]) * np.arange(NUM_POINTS // 2 + 1))
-    return {name: np.fft.irfft(x * turn, NUM_POINTS) for name, x in spectra.items()}
+    spectra = np.fft.rfft(cycles)
+    turn = np.exp(-1j * np.angle(spectra[1, 1]) * np.arange(NUM_POINTS // 2 + 1))
+    return np.fft.irfft(spectra * turn, NUM_POINTS)
 
 
 def _kinematics(

@@ -5,7 +5,7 @@ predicts better, or if held-out tests lie outside its bands.
 """
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -134,23 +134,32 @@ def prediction_findings(tree: xr.DataTree) -> list[Finding]:
     return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests)]
 
 
+def _numbers(
+    tests: Mapping[str, Mapping[str, Any]], *names: str
+) -> Iterator[tuple[str, list[float]]]:
+    """Yield each test's name, and some numbers of its comparison; NaN where one is missing."""
+    for test, attrs in tests.items():
+        yield test, [float(attrs.get(name, np.nan)) for name in names]
+
+
 def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
-    ratios = {
-        (name, kind): attrs["nrmse"] / attrs[f"nrmse_{kind}"]
-        for name, attrs in tests.items()
-        for kind in SIMPLER
-        if np.isfinite(attrs.get(f"nrmse_{kind}", np.nan)) and attrs[f"nrmse_{kind}"] > 0
+    errors = {
+        (name, kind): (nrmse, other)
+        for name, (nrmse, *others) in _numbers(tests, "nrmse", *map("nrmse_{}".format, SIMPLER))
+        for kind, other in zip(SIMPLER, others, strict=True)
+        if np.isfinite(other) and other > 0
     }
+    ratios = {key: nrmse / other for key, (nrmse, other) in errors.items()}
     # A model that cannot be solved counts as worse than every other model.
     ratios = {key: ratio if np.isfinite(ratio) else np.inf for key, ratio in ratios.items()}
     if not ratios:
         return []
     name, kind = worst = max(ratios, key=lambda pair: ratios[pair])
-    attrs = tests[name]
-    fit_status = "fitted" if attrs.get("fitted") else "never fitted"
+    fit_status = "fitted" if tests[name].get("fitted") else "never fitted"
+    error, other = errors[worst]
     values = {
-        "test": name, "fit_status": fit_status, "error": attrs["nrmse"], "kind": kind,
-        "simpler": attrs[f"nrmse_{kind}"], "limit": BETTER,
+        "test": name, "fit_status": fit_status, "error": error, "kind": kind,
+        "simpler": other, "limit": BETTER,
     }  # fmt: skip
     remedy = {"another_law": another_law(laws)}
     return [checked("simpler_model", ratios[worst] < BETTER, values, ratios[worst], remedy)]
@@ -162,16 +171,12 @@ def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> li
     Empty if the bands have no discrepancy, or the joint has little effect: the linear oscillator is
     close, and no worse than the joint.
     """
-    limits = {
-        name: 1.0 if attrs["nrmse_linear"] > BETTER * attrs["nrmse"] else NOISE_BESIDE
-        for name, attrs in tests.items()
-        if attrs.get("discrepancy")
-        and attrs.get("nrmse_linear", np.nan) > min(BETTER * attrs["nrmse"], CLOSE)
-        and np.isfinite(attrs.get("half_width", np.nan))
-    }
-    ratios = {
-        name: tests[name]["half_width"] / REACH / tests[name]["nrmse_linear"] for name in limits
-    }
+    limits, ratios = {}, {}
+    names = ("nrmse", "nrmse_linear", "half_width", "discrepancy")
+    for name, (nrmse, linear, width, discrepancy) in _numbers(tests, *names):
+        if discrepancy > 0 and linear > min(BETTER * nrmse, CLOSE) and np.isfinite(width):
+            limits[name] = 1.0 if linear > BETTER * nrmse else NOISE_BESIDE
+            ratios[name] = width / REACH / linear
     if not ratios:
         return []
     worst = max(ratios, key=lambda name: ratios[name] / limits[name])
@@ -183,12 +188,12 @@ def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> li
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     # Harmonics and loops at another level may have other noise, so typical noise proves nothing.
     shares = {
-        name: float(attrs["coverage"])
-        for name, attrs in tests.items()
-        if not attrs.get("fitted")
-        and (attrs["group"] == "sweep" or attrs.get("noise") != ALIKE)
-        and np.isfinite(attrs.get("coverage", np.nan))
-        and attrs.get("num_values", 0) >= LEAST_VALUES
+        name: coverage
+        for name, (coverage, fitted, count) in _numbers(tests, "coverage", "fitted", "num_values")
+        if not fitted > 0
+        and np.isfinite(coverage)
+        and count >= LEAST_VALUES
+        and (tests[name]["group"] == "sweep" or tests[name].get("noise") != ALIKE)
     }
     withheld = [name for name, attrs in tests.items() if attrs.get("withheld")]
     if not shares:

@@ -33,7 +33,7 @@ from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import law_variables
 from jbw.identification.usable import usable
 from jbw.inference.lanes import at_points
-from jbw.inference.posterior.summary import evenly_spaced
+from jbw.inference.posterior.summary import evenly_spaced, posterior_draws
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import Record, Test, share_clock
 from jbw.observables import dataset
@@ -186,7 +186,7 @@ def updated(
             remedy="Give records of a test in the campaign, and pass the campaign to "
             "jbw.load_study.",
         )
-    posterior = study.posterior["posterior"].to_dataset()
+    posterior = posterior_draws(study.posterior)
     sampled = {str(n): v for n, v in posterior.data_vars.items() if "lower" in v.attrs}
     data, part, test = _fitted(study, study.campaign)
     rows = evenly_spaced(posterior, num_particles)
@@ -212,10 +212,8 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     """Return a run's data, restricted to its fitted decays, then the decays, and their test."""
     require_one_joint(campaign.joints, watch.CARRIED)
     gain = force_per_unit(campaign)
-    accepted = usable(campaign.tests, campaign.settings, gain)
-    seen = measured(
-        accepted.tests, campaign.settings, laws=campaign.laws, gain=gain, line_fit=accepted.line_fit
-    )
+    tests, _, line_fit = usable(campaign.tests, campaign.settings, gain)
+    seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain, line_fit=line_fit)
     data = assemble(seen)
     if campaign.structure is not None and len(campaign.structure.modes) > 1:
         raise DataError(

@@ -23,6 +23,7 @@ from jbw.errors import ConfigError, DataError, JbwError, RunError
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import Record, Test
 from jbw.report.messages import watch as messages
+from jbw.results.watch import WatchLine, WatchSettings
 from jbw.run.folder import lock
 from jbw.study.study import campaign_of
 from jbw.watch.readings import PER_AMPLITUDE, common_amplitude, names_of, reading
@@ -39,7 +40,6 @@ Say = Callable[[str], None]
 TrendAt = Callable[[float | None, Sequence[float], Test], Trend]
 LOG_NAME = "watch.jsonl"
 TORN = "watch.torn"  # name of the file next to the log that receives lines cut off by a crash
-Entry = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -52,19 +52,10 @@ class Wishes:
     test: str | None = None  # name of the test whose kind and settings the records share
 
 
-@dataclass(frozen=True)
-class Watched:
-    """The state of the monitoring after a call: settings, all values and the call's entries."""
-
-    settings: Entry
-    readings: list[Entry]
-    added: list[Entry]
-
-
 def watch(
     folder: Path, files: Sequence[Path], wishes: Wishes, *, campaign: Path | None = None,
     trend_at: TrendAt | None = None, say: Say = print,
-) -> Watched:  # fmt: skip
+) -> tuple[WatchSettings, list[WatchLine], list[WatchLine]]:  # fmt: skip
     """Read records, state for each whether the joint has changed, and append both to the log.
 
     The records of the run's own campaign come first, as references.
@@ -78,6 +69,9 @@ def watch(
             with torque; with it a change is also stated as a change of torque.
         say: A function that is called with one sentence about anything unusual.
 
+    Returns:
+        Settings, the lines of all records with frequency and damping, and the lines of `files`.
+
     Raises:
         ConfigError: The settings differ from those at the beginning of the watch, or are invalid.
         DataError: The run has no free decays, or too few comparable records.
@@ -89,108 +83,110 @@ def watch(
         entries = read_log(path)
         source = campaign_of(folder, campaign)
         spec = read_spec(source)
-        settings = next((entry for entry in entries if entry["kind"] == "settings"), None)
-        table = _decay_test(spec, wishes.test if settings is None else settings["test"])
+        began = [entry for entry in entries if entry["kind"] == "settings"]
+        settings = WatchSettings.read(began[0]) if began else None
+        lines = [WatchLine.read(entry) for entry in entries if entry["kind"] != "settings"]
+        table = _decay_test(spec, wishes.test if settings is None else settings.test)
         place = source.resolve().parent
         campaign_test = load_test(table, place, per_unit=force_per_unit(spec), allow_outside=True)
-        begins = settings is None
         if settings is None:
             settings = _begun(campaign_test, table.name, wishes)
         else:
             _require_same(settings, wishes)
-        torque, amplitudes = spec.assembly.torque, settings["amplitudes"]
+        torque, amplitudes = spec.assembly.torque, settings.amplitudes
         trend = None if trend_at is None else trend_at(torque, amplitudes, campaign_test)
-        if begins:
-            append(path, settings)
-        keeper = _Keeper(path, settings, campaign_test, say, entries, trend)
-        identities = {entry["id"] for entry in entries if entry["kind"] != "settings"}
+        if not began:
+            append(path, settings.plain())
+        keeper = _Keeper(path, settings, campaign_test, say, lines, trend)
+        identities = {line.id for line in lines}
         for identity, record in _identified(campaign_test.records):
             # On the first call, or after a crash during that call, all records are new.
             if identity not in identities:
                 keeper.take(identity, record)
-        added: list[Entry] = []
+        added: list[WatchLine] = []
         for file in files:
             added += _of_file(file, table, spec, place, keeper)
-        return Watched(settings, [o for o in keeper.entries if o["kind"] == "reading"], added)
+        return settings, keeper.readings, added
 
 
 class _Keeper:
     """The log of a monitored joint, to which records are appended one after another."""
 
     def __init__(
-        self, path: Path, settings: Entry, test: Test, say: Say, entries: Sequence[Entry],
+        self, path: Path, settings: WatchSettings, test: Test, say: Say, lines: list[WatchLine],
         trend: Trend | None,
     ) -> None:  # fmt: skip
         self.path, self.settings, self.test, self.say = path, settings, test, say
-        self.entries, self.trend = list(entries), trend
+        self.lines, self.trend = lines, trend
 
-    def take(self, identity: str, record: Record) -> Entry:
+    @property
+    def readings(self) -> list[WatchLine]:
+        """The records with frequency and damping."""
+        return [line for line in self.lines if line.entry == "reading"]
+
+    def take(self, identity: str, record: Record) -> WatchLine:
         """Read a record; append to the log its statement, or the reason why it is rejected."""
         try:
-            measured = reading(record, self.test, self.settings["amplitudes"])
+            measured = reading(record, self.test, self.settings.amplitudes)
         except DataError as error:
             return self.refuse(identity, record.name, error)
-        readings = [entry for entry in self.entries if entry["kind"] == "reading"]
-        number, num_reference = len(readings) + 1, self.settings["reference"]
-        entry: Entry = {
-            "kind": "reading", "number": number, "record": record.name, "id": identity,
-            "when": _now(), "role": "reference" if number <= num_reference else "watched",
-            "values": measured.values.tolist(), "covariance": measured.covariance.tolist(),
-            "other_modes": measured.other_modes,
-        }  # fmt: skip
+        number, num_reference = len(self.readings) + 1, self.settings.reference
+        line = WatchLine(
+            kind="reading", number=number, record=record.name, id=identity, when=_now(),
+            role="reference" if number <= num_reference else "watched",
+            values=measured.values.tolist(), covariance=measured.covariance.tolist(),
+            other_modes=measured.other_modes,
+        )  # fmt: skip
         if number > num_reference:
-            entry |= _stated(
-                [*readings, entry], num_reference, self.settings["false_alarms"], self.trend
-            )
-        return self._append(entry)
+            line = line.replaced(**self._statement([*self.readings, line]))
+        return self._append(line)
 
-    def refuse(self, identity: str, name: str, error: JbwError) -> Entry:
+    def refuse(self, identity: str, name: str, error: JbwError) -> WatchLine:
         """Append to the log why a record is rejected, and print a warning."""
         reason = " ".join(str(error).split())
         self.say(f"warning: refused: {reason}")
         return self._append(
-            {"kind": "refused", "record": name, "id": identity, "when": _now(), "reason": reason}
+            WatchLine(kind="refused", record=name, id=identity, when=_now(), reason=reason)
         )
 
-    def _append(self, entry: Entry) -> Entry:
-        append(self.path, entry)
-        self.entries.append(entry)
-        return entry
+    def _append(self, line: WatchLine) -> WatchLine:
+        append(self.path, line.plain())
+        self.lines.append(line)
+        return line
 
-
-def _stated(
-    readings: Sequence[Entry], num_reference: int, false_alarms: float, trend: Trend | None
-) -> Entry:
-    values = np.array([entry["values"] for entry in readings])
-    noise_covariance = np.array([entry["covariance"] for entry in readings])
-    statement = state(
-        values[:num_reference], values[num_reference:], false_alarms,
-        noise_covariance=noise_covariance[-1],
-        reference_noise=noise_covariance[:num_reference].mean(axis=0), trend=trend,
-    )  # fmt: skip
-    names = [entry["record"] for entry in readings[num_reference:]]
-    return {**as_plain(statement), "statement": sentence(statement, names, num_reference)}
+    def _statement(self, readings: Sequence[WatchLine]) -> dict[str, Any]:
+        """Return the fields of a line that state whether the joint has changed."""
+        num_reference = self.settings.reference
+        values = np.array([line.values for line in readings])
+        noise_covariance = np.array([line.covariance for line in readings])
+        statement = state(
+            values[:num_reference], values[num_reference:], self.settings.false_alarms,
+            noise_covariance=noise_covariance[-1],
+            reference_noise=noise_covariance[:num_reference].mean(axis=0), trend=self.trend,
+        )  # fmt: skip
+        names = [line.record for line in readings[num_reference:]]
+        return {**as_plain(statement), "statement": sentence(statement, names, num_reference)}
 
 
 def _of_file(
     file: Path, table: TestSpec, spec: CampaignSpec, place: Path, keeper: _Keeper
-) -> list[Entry]:
+) -> list[WatchLine]:
     """Read the records of a file and log each; return the log entries."""
     file_spec = table.model_copy(update={"files": (str(file.absolute()),), "exclude": ()})
     try:
         test = load_test(file_spec, place, per_unit=force_per_unit(spec), allow_outside=True)
     except JbwError as error:
         return [keeper.refuse(str(file), file.name, error)]
-    entries = []
+    lines = []
     for identity, record in _identified(test.records):
-        before = [o for o in keeper.entries if o["kind"] == "reading" and o["id"] == identity]
+        before = [line for line in keeper.readings if line.id == identity]
         if before:
-            reason = messages.known_already(record.name, before[0]["number"])
+            reason = messages.known_already(record.name, before[0].number or 0)
             keeper.say(f"warning: {reason}")
-            entries.append({"kind": "known", "record": record.name, "reason": reason})
+            lines.append(WatchLine(kind="known", record=record.name, reason=reason))
         else:
-            entries.append(keeper.take(identity, record))
-    return entries
+            lines.append(keeper.take(identity, record))
+    return lines
 
 
 def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
@@ -233,7 +229,7 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
     return chosen
 
 
-def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
+def _begun(test: Test, name: str, wishes: Wishes) -> WatchSettings:
     """Return the settings of a new log; unstated ones are chosen from the campaign's records."""
     false_alarms = FALSE_ALARMS if wishes.false_alarms is None else wishes.false_alarms
     if not 0 < false_alarms < 0.5:
@@ -261,11 +257,10 @@ def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
             remedy="Begin with more records without change, or use only one amplitude.",
         )
     unit = test.records[0].units.get(test.records[0].response, "")
-    return {
-        "kind": "settings", "format": FORMAT, "when": _now(), "test": name,
-        "amplitudes": list(amplitudes), "unit": unit, "false_alarms": false_alarms,
-        "reference": number, "names": names_of(amplitudes, unit),
-    }  # fmt: skip
+    return WatchSettings(
+        kind="settings", format=FORMAT, when=_now(), test=name, amplitudes=list(amplitudes),
+        unit=unit, false_alarms=false_alarms, reference=number, names=names_of(amplitudes, unit),
+    )  # fmt: skip
 
 
 def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
@@ -280,13 +275,13 @@ def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
     return count
 
 
-def _require_same(settings: Entry, wishes: Wishes) -> None:
+def _require_same(settings: WatchSettings, wishes: Wishes) -> None:
     """Raise an error if requested settings differ from those with which the log began."""
     began = {
-        "--amplitude": (wishes.amplitudes, tuple(settings["amplitudes"])),
-        "--false-alarms": (wishes.false_alarms, settings["false_alarms"]),
-        "--reference": (wishes.num_reference, settings["reference"]),
-        "--test": (wishes.test, settings["test"]),
+        "--amplitude": (wishes.amplitudes, tuple(settings.amplitudes)),
+        "--false-alarms": (wishes.false_alarms, settings.false_alarms),
+        "--reference": (wishes.num_reference, settings.reference),
+        "--test": (wishes.test, settings.test),
     }
     for option, (wished, has) in began.items():
         if wished is not None and wished != has:
@@ -315,7 +310,7 @@ def locked_log(folder: Path) -> Iterator[Path]:
         held.release()
 
 
-def read_log(path: Path) -> list[Entry]:
+def read_log(path: Path) -> list[dict[str, Any]]:
     """Return all entries of a monitoring log, oldest first; an empty list if there is no log.
 
     Raises:

@@ -81,7 +81,7 @@ def test_loads_that_were_finished_before_a_full_disk_are_not_predicted_again(
 def test_a_row_has_the_ends_of_its_band_in_their_order():
     values = {"peak": ("quantile", [1.0, 2.0, 4.0], {"units": "m"})}
     (row,) = load_rows("shock", xr.Dataset(values, attrs={"source_unit": "N"}))
-    assert (row["low"], row["median"], row["high"], row["level"]) == (1.0, 2.0, 4.0, None)
+    assert (row.low, row.median, row.high, row.level) == (1.0, 2.0, 4.0, None)
 
 
 def test_a_moving_base_in_g(folder, capsys):

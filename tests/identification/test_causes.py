@@ -17,8 +17,8 @@ from jbw.campaign.settings import Identify
 from jbw.identification.assemble import measured
 from jbw.identification.causes import cause_finding, causes, causes_sentence
 from jbw.identification.prepare import fit_joint
+from jbw.measurement.faults.plausibility import SwappedChannels
 from jbw.measurement.faults.suspect import Misfit
-from jbw.measurement.faults.swapped_channels import SwappedChannels
 
 FS, LENGTH, GAIN = 256.0, 1536, 15.0
 OMEGA_N, ZETA = 2 * np.pi * 18.8, 0.01

@@ -247,7 +247,6 @@ def test_r_hat_of_chains_apart():
     ("options", "says"),
     [
         ({"num_replications": 0}, "`num_replications` must be at least 1"),
-        ({"num_ranks": 0}, "`num_ranks` must be at least 1"),
         ({"batch": -1}, "`batch` must be at least 1"),
     ],
 )

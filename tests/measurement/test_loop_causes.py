@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from jbw.measurement.faults.loop_causes import loop_causes
+from jbw.measurement.faults.loops import loop_causes
 from jbw.measurement.readings.loop import basis_of, fit_loop
 from jbw.measurement.records import Record
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jbw.measurement.faults.channels import inspect
-from jbw.measurement.faults.samples import drop_outs, held_for
+from jbw.measurement.faults.channels import drop_outs, held_for, inspect
 from jbw.measurement.records import Record
 
 FS, SIZE = 2048.0, 8192

@@ -97,13 +97,13 @@ def test_a_misfit_that_all_repeats_share_tells_as_much_as_one_of_them(seed):
     for count in (4, 16, 64):
         data = simulated(rng, shape, count=count, noise=0.1, misfit=0.3)
         part, left, _ = weighed(lines(shape[None], data), 1.0)
-        told = group_residuals(part.groups, left)[0]
-        assert told.is_misfit
+        noise, misfit, is_misfit = group_residuals(part.groups, left)[0]
+        assert is_misfit
         # 600 values know a mean square to sqrt(2 / 600).
-        assert told.misfit == pytest.approx(0.09, rel=4 * np.sqrt(2 / SIZE))
-        assert told.noise == pytest.approx(0.01, rel=4 * np.sqrt(2 / (SIZE * (count - 1))))
+        assert misfit == pytest.approx(0.09, rel=4 * np.sqrt(2 / SIZE))
+        assert noise == pytest.approx(0.01, rel=4 * np.sqrt(2 / (SIZE * (count - 1))))
         # The closed form: w K |J|^2 / (K tau^2 + sigma^2), with the tau and sigma that are found.
-        total = count * told.misfit + told.noise
+        total = count * misfit + noise
         white = count * np.sum(shape**2) / total
         share = curvature(part, 1.0)[0] / white
         # White: what is not one is the colour that a finite residual has by chance. The slope of
@@ -200,7 +200,7 @@ def test_a_group_that_a_law_misses_keeps_its_voice(seed, missed):
     # the size of whose response is doubled by it.
     shares = np.asarray(part.groups.discrepancy) * SIZE / np.sum(np.asarray(part.mean) ** 2, 1)
     np.testing.assert_allclose(shares, shares[0], rtol=1e-12)
-    misfits = [one.misfit for one in group_residuals(part.groups, left)]
+    misfits = [misfit for _, misfit, _ in group_residuals(part.groups, left)]
     squares = np.mean(np.asarray(part.mean) ** 2, axis=1)
     assert shares[0] == pytest.approx(np.mean(misfits / squares), rel=1e-12)
     raised = np.asarray(part.groups.discrepancy) / np.asarray(usual.groups.discrepancy)

@@ -15,10 +15,9 @@ from jbw.cli import run
 from jbw.errors import DataError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
-from jbw.population.basis import new_terms, new_unit, terms_of
+from jbw.population.basis import new_terms, new_unit, require_same_torque, terms_of
 from jbw.population.coordinates import pooled
 from jbw.population.fleet import fleet_of
-from jbw.population.folder import require_same_torque
 from jbw.population.population import Population
 from jbw.population.prediction import new_backbone, new_units
 from jbw.population.prior import design_of, prior_of

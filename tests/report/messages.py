@@ -383,9 +383,8 @@ OF_TOPICS = {
         loads.bare_level("V"), loads.DOWNWARD, loads.OF_SPECTRUM,
         loads.in_report("run"), loads.earlier_posterior("run"), loads.unreadable_loads("run"),
         loads.heading("response at 2 V"),
-        loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "force"}),
-        loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "base",
-                        "participation": 1.3, "shape": 1.0}),
+        loads.contains(loads.IN_BANDS, 100, "force"),
+        loads.contains(loads.IN_BANDS, 100, "base", participation=1.3, shape=1.0),
     ],
     "run": [
         *constants(run), run.stopping(waits=True), run.stopping(waits=False),
@@ -416,7 +415,7 @@ OF_TOPICS = {
         stages.least_squares(12), stages.line_fit("noise"), stages.fitting_as("bouc_wen"),
     ],
     "study": [
-        *constants(study), *study.VARIABLES.values(),
+        *constants(study),
         study.step_2(1e-5, 1), study.step_2(1e-5, 4),
         study.neighbours([(18.8, 0.005), (20.0, 0.004)], 0.023),
         study.rigid_body("1.5 [1.4, 1.6]", "1/kg"), study.compliance("1.5 [1.4, 1.6]", "m/N"),

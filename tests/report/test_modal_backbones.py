@@ -9,7 +9,7 @@ import pytest
 import jbw
 from jbw.errors import ConfigError
 from jbw.report import modal_backbones
-from jbw.report.modal_backbones import Interaction, draw_backbones, interactions
+from jbw.report.modal_backbones import draw_backbones, interactions
 
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden_modes.json").read_text())
 
@@ -18,13 +18,13 @@ def test_a_harmonic_meets_a_mode_where_the_frequencies_say():
     """omega_1 = 100 (1 - 10 X): three times it is 297 at 1 mm; five times it never nears 297."""
     x = np.linspace(0.0, 2e-3, 9)
     omega_n = np.array([100.0, 297.0, 470.0])
-    (interaction,) = interactions(omega_n, 0, x, 100.0 * (1 - 10.0 * x))
-    assert (interaction.order, interaction.mode) == (3, 1)
+    ((order, mode, x_peak),) = interactions(omega_n, 0, x, 100.0 * (1 - 10.0 * x))
+    assert (order, mode) == (3, 1)
     # The detuning is a hyperbola, of which the two amplitudes beside are 1e-5 from its chord.
-    assert interaction.x_peak == pytest.approx(1e-3, rel=1e-3)
+    assert x_peak == pytest.approx(1e-3, rel=1e-3)
     # A mode that is neared within 1 % and not met is marked where it is nearest; before an end.
     omega = np.where(x < 1.2e-3, 100.0 * (1 - 5.0 * x), np.nan)
-    assert interactions(omega_n, 0, x, omega) == [Interaction(3, 1, 1e-3)]
+    assert interactions(omega_n, 0, x, omega) == [(3, 1, 1e-3)]
     assert interactions(omega_n, 0, x, np.full(9, np.nan)) == []
 
 

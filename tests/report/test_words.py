@@ -50,6 +50,6 @@ def test_parameters_are_graded_by_what_is_known_of_them():
 
 
 def test_a_frequency_is_shown_in_hertz_and_a_spread_as_half_of_its_interval():
-    assert shown_as("omega_n", "rad/s").factor * 2 * np.pi * 18.8 == pytest.approx(18.8, rel=1e-14)
+    assert shown_as("omega_n", "rad/s")[0] * 2 * np.pi * 18.8 == pytest.approx(18.8, rel=1e-14)
     draws = np.linspace(90.0, 110.0, 100_001)
     assert spread_text(draws, "Hz") == "100.0 Hz ± 9.9 %"  # 99 % of them lie within 9.9 of 100

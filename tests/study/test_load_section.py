@@ -37,10 +37,10 @@ def test_every_number_and_curve_is_shown(run, found):
     section = load_section(run)
     assert section is not None
     rows = section.table.sections[0].rows
-    medians = {(r["level"], r["quantity"]): r["median"] for r in rows}
+    medians = {(r.level, r.quantity): r.median for r in rows}
     frequency = found["resonance"]["frequency"].sel(quantile=0.5, method="nearest").values
     assert [medians[level, "frequency"] for level in (0.1, 0.2)] == pytest.approx(frequency)
-    assert all(np.isfinite(row["median"]) for row in rows)
+    assert all(np.isfinite(row.median) for row in rows)
     assert [figure["svg"][:4] for figure in section.figures] == ["<svg", "<svg"]
     assert "99 %" in section.remark
 

@@ -11,7 +11,6 @@ from scipy.signal import lsim
 from jbw.campaign.load import Campaign
 from jbw.cli import run
 from jbw.errors import DataError
-from jbw.identification.usable import UsableTests
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.readings.statement import RecordTable, laws_with, trend
 from jbw.measurement.records import Record, Test
@@ -342,7 +341,7 @@ def test_an_identification_looks_before_it_samples(monkeypatch):
     monkeypatch.setattr("jbw.study.identify.fit_problem", lambda *_, **__: said.append("fitted"))
     good, left_out, told = linear(0.3, name="good"), linear(0.3, name="left out"), []
     monkeypatch.setattr(
-        "jbw.study.prepared.usable", lambda tests, *_, **__: UsableTests((good,), ("One less.",))
+        "jbw.study.prepared.usable", lambda tests, *_, **__: ((good,), ("One less.",), None)
     )
     with pytest.raises(DataError, match="Nothing is seen"):
         identify(Campaign("two", None, (good, left_out)), report=told.append)

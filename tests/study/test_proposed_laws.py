@@ -11,8 +11,8 @@ from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ModelError
 from jbw.identification.assemble import measured_in
-from jbw.identification.proposed_laws import candidates, chosen
 from jbw.study.identify import identify
+from jbw.study.prepared import candidates, chosen
 
 OMEGA, ZETA, FS = 2 * np.pi * 20.0, 0.004, 512.0
 FORCES = {
@@ -80,20 +80,20 @@ def test_the_law_of_the_readings_is_taken_where_none_is_stated(tmp_path, law):
 @pytest.mark.parametrize("law", sorted(FORCES))
 def test_laws_are_fitted_until_one_leaves_noise_alone(tmp_path, law):
     seen = measured_in(taps(tmp_path, law), lambda _: None)
-    found = chosen(seen, ("quintic", law, "bouc_wen"), 0, lambda _: None)
-    assert found.measured.laws == (law,)
-    assert law in found.theta
-    assert "that of quintic " in found.sentence
-    assert "bouc_wen" not in found.sentence
-    assert pasted(found.sentence).laws == (law,)
+    measured, theta, sentence = chosen(seen, ("quintic", law, "bouc_wen"), 0, lambda _: None)
+    assert measured.laws == (law,)
+    assert law in theta
+    assert "that of quintic " in sentence
+    assert "bouc_wen" not in sentence
+    assert pasted(sentence).laws == (law,)
 
 
 @pytest.mark.slow
 def test_where_no_law_leaves_noise_alone_the_smallest_error_decides(tmp_path):
     seen = measured_in(taps(tmp_path, "cubic"), lambda _: None)
-    found = chosen(seen, ("quadratic_damping", "quintic"), 0, lambda _: None)
-    assert found.measured.laws == ("quintic",)
-    assert "no tried law leaves only noise" in found.sentence
+    measured, _, sentence = chosen(seen, ("quadratic_damping", "quintic"), 0, lambda _: None)
+    assert measured.laws == ("quintic",)
+    assert "no tried law leaves only noise" in sentence
 
 
 def test_a_law_that_cannot_be_solved_is_passed_over(tmp_path, monkeypatch):
@@ -102,6 +102,6 @@ def test_a_law_that_cannot_be_solved_is_passed_over(tmp_path, monkeypatch):
     def refuse(*given, **options):
         raise ModelError("No start has a finite residual.", remedy="Try another law.")
 
-    monkeypatch.setattr("jbw.identification.proposed_laws.first_fit", refuse)
+    monkeypatch.setattr("jbw.study.prepared.first_fit", refuse)
     found = chosen(seen, ("bouc_wen", "cubic"), 0, lambda _: None)
     assert found == (seen, {}, "")

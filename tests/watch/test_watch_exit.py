@@ -1,7 +1,5 @@
 """What a watch shows and how its command ends, by given readings."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from matplotlib.collections import FillBetweenPolyCollection
@@ -9,12 +7,13 @@ from scipy.stats import t as student
 
 from jbw.cli import progress, run
 from jbw.report.changes import watch_figure
+from jbw.results.watch import WatchLine, WatchSettings
 
-SETTINGS = {"reference": 5, "amplitudes": [1e-3], "unit": "m", "false_alarms": 1e-3}
+SETTINGS = WatchSettings(reference=5, amplitudes=[1e-3], unit="m", false_alarms=1e-3)
 REFUSED, ALARM, QUIET = (
-    {"kind": "refused"},
-    {"kind": "watched", "alarm": "drift"},
-    {"kind": "watched"},
+    WatchLine(kind="refused"),
+    WatchLine(kind="watched", alarm="drift"),
+    WatchLine(kind="watched"),
 )
 
 
@@ -25,9 +24,8 @@ REFUSED, ALARM, QUIET = (
 def test_an_alarm_ends_with_six_and_a_refused_record_alone_with_three(
     tmp_path, monkeypatch, added, code
 ):
-    added = [{**entry, "record": "a.csv", "values": [20.0, -5.0]} for entry in added]
-    watched = SimpleNamespace(settings=SETTINGS, readings=[], added=added)
-    monkeypatch.setattr("jbw.watch.watch.watch", lambda *_, **__: watched)
+    added = [line.replaced(record="a.csv", values=[20.0, -5.0]) for line in added]
+    monkeypatch.setattr("jbw.watch.watch.watch", lambda *_, **__: (SETTINGS, [], added))
     monkeypatch.setattr(progress, "prepare_process", lambda: None)
     assert run(["watch", str(tmp_path)]) == code
 
@@ -35,7 +33,7 @@ def test_an_alarm_ends_with_six_and_a_refused_record_alone_with_three(
 def test_the_band_is_that_of_a_further_reading_of_the_references():
     """Of n readings a further one lies within t_(n-1) s sqrt(1 + 1/n) of their mean."""
     hz = np.array([20.1, 19.9, 20.3, 20.0, 19.8])
-    readings = [{"values": [x, -5.0]} for x in hz]
+    readings = [WatchLine(kind="reading", values=[x, -5.0]) for x in hz]
     panel = watch_figure(SETTINGS, readings)[0, 0]
     (band,) = (c for c in panel.collections if isinstance(c, FillBetweenPolyCollection))
     ends = band.get_paths()[0].vertices[:, 1]

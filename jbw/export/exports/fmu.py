@@ -57,11 +57,12 @@ class Variable(NamedTuple):
 def _code(version: int, folder: Path, result: Export) -> Paths:
     """Write the FMU; without a compiler it contains only C code, which importers can compile."""
     parameters = parameters_of(result)
-    facts: dict[str, Any] = {"forms": forms_of("c/laws", result), "description": DESCRIPTION}
-    facts["memory"] = sum(form.memory for form in facts["forms"])
-    facts["variables"] = tuple(_variables(parameters, result))
-    facts["units"] = units_of(facts["variables"])
-    facts["token"] = str(uuid.uuid5(uuid.NAMESPACE_OID, repr((version, result.about, parameters))))
+    forms, variables = forms_of("c/laws", result), tuple(_variables(parameters, result))
+    token = str(uuid.uuid5(uuid.NAMESPACE_OID, repr((version, result.about, parameters))))
+    facts: dict[str, Any] = {
+        "forms": forms, "memory": sum(form.memory for form in forms), "variables": variables,
+        "units": units_of(variables), "token": token, "description": DESCRIPTION,
+    }  # fmt: skip
     path = folder / f"joint_fmi{version}.fmu"
     with TemporaryDirectory() as name, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as fmu:
         root = Path(name)

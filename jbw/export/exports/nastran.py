@@ -1,10 +1,8 @@
 """Nastran: CBUSH1D with tables of the joint's force and of its equivalent damping."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 from jbw.export.exports.program import (
-    JointNodes,
     OfJoints,
     Paths,
     Program,
@@ -22,26 +20,6 @@ from jbw.report.messages import study as messages
 FORCE, DAMPING = 1, 2  # numbers of the tables of force and damping if there is a single joint
 
 
-class JointTables(NamedTuple):
-    """The nodes and tables of one joint, used if a Nastran file contains several joints.
-
-    Attributes:
-        nodes: Nodes of the joint.
-        linear: Fields of the stiffness at rest and of the dashpot at the largest motion.
-        force: Number of the table of force.
-        damping: Number of the table of the dashpot's coefficient.
-        tables: Number and fields of each table.
-        note: Sentence on the frequency at which the dashpot has the joint's loss.
-    """
-
-    nodes: JointNodes
-    linear: tuple[str, str]
-    force: int
-    damping: int
-    tables: list[tuple[int, list[str]]]
-    note: str
-
-
 def _card(folder: Path, result: Export) -> Paths:
     """Write the element, its property and the tables of force and damping."""
     tables = _tables(result, FORCE, DAMPING)
@@ -55,18 +33,13 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
     for nodes in nodes_of(result):
         joint, card = nodes.card.joint, nodes.card
         force, damping = 10 * nodes.node + FORCE, 10 * nodes.node + DAMPING
-        joints.append(
-            JointTables(
-                nodes,
-                _linear(joint),
-                force,
-                damping,
-                _tables(joint, force, damping),
-                messages.joint_dashpot(card.name, card.hz, joint.y_max, card.units.names[1]),
-            )
-        )
+        joints.append({
+            "nodes": nodes, "linear": _linear(joint), "force": force, "damping": damping,
+            "tables": _tables(joint, force, damping),
+            "note": messages.joint_dashpot(card.name, card.hz, joint.y_max, card.units.names[1]),
+        })  # fmt: skip
     path = folder / "joints.bdf"
-    facts = {"about": result.about, "joints": joints, "ground": joints[0].nodes.ground}
+    facts = {"about": result.about, "joints": joints, "ground": nodes.ground}
     return (write_template(path, "nastran/joints.bdf", field=_field, **facts),)
 
 

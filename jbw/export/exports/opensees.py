@@ -2,10 +2,8 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from jbw.export.exports.program import (
-    JointNodes,
     OfJoints,
     Paths,
     Program,
@@ -25,20 +23,6 @@ from jbw.report.messages import study as messages
 JOINT_TAG = 1  # tag of the material that represents the whole joint
 
 
-class JointLines(NamedTuple):
-    """The OpenSees commands of one joint, used if a file contains several joints.
-
-    Attributes:
-        nodes: Nodes of the joint.
-        materials: Commands that create its material, whose tag is the number of its node.
-        notes: Sentences on how well sliders represent its laws.
-    """
-
-    nodes: JointNodes
-    materials: tuple[str, ...]
-    notes: tuple[str, ...]
-
-
 def _card(folder: Path, result: Export) -> Paths:
     facts = {"lines": opensees_lines(result.materials), "notes": tuple(_notes(result))}
     return (write_text(folder / "joint.tcl", "opensees/joint.tcl", result, **facts),)
@@ -51,11 +35,11 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
     for joint in joints:
         materials = joint.card.joint.materials
         lines.append(
-            JointLines(
-                joint,
-                opensees_lines(materials, joint.node, parts),
-                tuple(_notes(joint.card.joint, joint.card.units.names[1])),
-            )
+            {
+                "nodes": joint,
+                "materials": opensees_lines(materials, joint.node, parts),
+                "notes": tuple(_notes(joint.card.joint, joint.card.units.names[1])),
+            }
         )
         parts += len(materials)
     path = folder / "joints.tcl"

@@ -16,6 +16,7 @@ from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
+from jbw.inference.posterior.summary import posterior_draws, shape_of
 from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.chunked_run import (
     UNSUPERVISED,
@@ -201,7 +202,7 @@ def as_noise(best: Fit) -> Fit:
 
 def _product_sentence(tree: xr.DataTree) -> str:
     """Return the sentence on the product that the kernel determines, with its interval."""
-    posterior = tree["posterior"].to_dataset()
+    posterior = posterior_draws(tree)
     product = (posterior["alpha"] * posterior["delta"]).values
     low, high = np.quantile(product, [0.005, 0.995])
     return messages.product(product.mean(), low, high)
@@ -222,4 +223,4 @@ def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
         Eq. (40).
     """
     integral = np.asarray(kernel_energy(predicted(posterior, data), np.asarray(data.omega)))
-    return integral.reshape(posterior.sizes["chain"], posterior.sizes["draw"])
+    return integral.reshape(shape_of(posterior))

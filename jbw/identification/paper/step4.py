@@ -7,7 +7,6 @@ at Chebyshev nodes determine it everywhere, and every sampler then uses the seri
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,6 +23,7 @@ from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.remedies import put_bounds
+from jbw.inference.posterior.summary import posterior_draws
 from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.chunked_run import Keep, Supervision, no_checkpoint
 from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
@@ -122,24 +122,20 @@ def residual(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " 
     return jnp.sqrt(jnp.maximum(misfit(theta["gamma"], curve), 1e-300)) / curve.noise_std
 
 
-class OpeningFit(NamedTuple):
-    """The initial fit of gamma, the opening of the loop, in Step 4."""
-
-    curve: OpeningCurve  # Chebyshev series of the residual as a function of gamma
-    fit: Fit
-    box: Box  # prior of gamma
-    held: dict[str, float]  # fixed omega_n, zeta, alpha, delta and gain
-
-
 def fit_opening(
     key: Key, records: Records, linear: PooledFit, means: Mapping[str, float], settings: Identify
-) -> OpeningFit:
-    """Fit gamma for a start, given the line fit (Step 2) and the `means` of the kernel fit."""
+) -> tuple[OpeningCurve, Fit, Box, dict[str, float]]:
+    """Fit gamma initially, given the results of Step 2 and the `means` of Step 3.
+
+    Returns:
+        Chebyshev series of the residual as a function of gamma, fit, prior of gamma, and the fixed
+        omega_n, zeta, alpha, delta and gain.
+    """
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": settings.prior.get("gamma", (0.0, REACH * means["delta"]))})
     curve = opening_curve(records, held, prior)
     best = fit(residual, prior, curve, starts=8, key=key)
-    return OpeningFit(curve, with_curvature(best, prior, curve), prior, held)
+    return curve, with_curvature(best, prior, curve), prior, held
 
 
 def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
@@ -197,7 +193,7 @@ def opening_steps(
         request = request._replace(num_chains=settings.num_chains, chain_method="vectorized")
         supervision = Supervision(kept=keep(name))
         tree = draw_posterior(draw_key, target, request, supervision=supervision, attrs=attrs())
-        finding = _series_finding(tree["posterior"].to_dataset(), curve, held, records)
+        finding = _series_finding(posterior_draws(tree), curve, held, records)
         steps[name] = finished(
             name, tree, prior, best, started,
             findings=(*verdict(tree, prior, chi_square=chi_square).findings, finding),
@@ -211,7 +207,7 @@ def of_draws(
     step: Step, quantity: Callable[[dict[str, NDArray[np.float64]]], NDArray[np.float64]]
 ) -> NDArray[np.float64]:
     """Interpolate a smooth quantity to all draws of gamma, shape (chain, draw)."""
-    gamma = np.asarray(step.posterior["posterior"].to_dataset()["gamma"])
+    gamma = np.asarray(posterior_draws(step.posterior)["gamma"])
     grid = np.linspace(gamma.min(), gamma.max(), 9)
     draws = {n: np.full(9, v) for n, v in step.held.items()} | {"gamma": grid}
     return np.polynomial.Polynomial.fit(grid, quantity(draws), 4)(gamma)
@@ -221,7 +217,8 @@ def _series_finding(
     posterior: xr.Dataset, curve: OpeningCurve, held: Mapping[str, float], records: Records
 ) -> Finding:
     """Return the finding on the accuracy of the Chebyshev series within the posterior."""
-    gamma = jnp.asarray(np.quantile(posterior["gamma"].values, np.linspace(0.05, 0.95, 8)))
+    draws = posterior["gamma"].values
+    gamma = jnp.asarray(np.quantile(draws, np.linspace(0.05, 0.95, 8)))
     exact = misfits(gamma, dict(held), records)
     series = jax.vmap(lambda value: misfit(value, curve))(gamma)
     likelihoods = [
@@ -229,6 +226,6 @@ def _series_finding(
     ]
     error = np.asarray(jnp.sum(likelihoods[0] - likelihoods[1], axis=-1))
     worst = float(np.ptp(error))
-    low, high = (float(end) for end in np.quantile(posterior["gamma"].values, (0.0, 1.0)))
+    low, high = (float(end) for end in np.quantile(draws, (0.0, 1.0)))
     values, remedy = {"error": worst, "limit": WRONG}, {"line": put_bounds("gamma", (low, high))}
     return checked("series", worst < WRONG, values, worst, remedy)

@@ -44,6 +44,7 @@ from jbw.inference.space.reparametrisation import in_box
 from jbw.parts import Parts, unkept
 
 LOG_LIKELIHOOD = "log_likelihood"
+NUM_RANKS = 100  # number of draws among which a true value is ranked
 TAIL = 0.005  # probability outside a 99 % interval on either side
 Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
 Report = Callable[[int], None]
@@ -83,7 +84,6 @@ def calibrate(
     options: Any,
     *,
     num_replications: int = 1000,
-    num_ranks: int = 100,
     batch: int = 100,
     report: Report = lambda done: None,
     parts: Parts = unkept,
@@ -100,7 +100,7 @@ def calibrate(
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
     """
     require_float64()
-    _check(model, num_replications, num_ranks, batch)
+    _check(model, num_replications, batch)
     keys = jax.random.split(key, num_replications)
     if sampler.in_rounds:
         size, one_lot = 1, _in_rounds
@@ -109,16 +109,16 @@ def calibrate(
     padded = jnp.concatenate([keys, keys[: -num_replications % size]])
     rows = []
     for first in range(0, num_replications, size):
-        lot = partial(one_lot, padded[first : first + size], model, sampler, options, num_ranks)
+        lot = partial(one_lot, padded[first : first + size], model, sampler, options)
         rows.append(jax.tree.map(np.asarray, parts(f"replications from {first}", lot, Ranked)))
         report(min(first + size, num_replications))
     replications = jax.tree.map(lambda *parts: np.concatenate(parts)[:num_replications], *rows)
-    return judged(model.names, replications, num_ranks)
+    return judged(model.names, replications, NUM_RANKS)
 
 
 @eqx.filter_jit
 def _batch(
-    keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
+    keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any
 ) -> Ranked:
     """Run a batch of replications together by `vmap` and return their ranks."""
 
@@ -126,22 +126,20 @@ def _batch(
         truth, problem, to_draw, to_rank = _posed(key, model)
         drawn = draws_of(sampler, to_draw, problem, options)
         arrived = jnp.asarray(drawn.possible) & drawn.arrived
-        replication = _Replication(truth, problem.data, drawn.theta, arrived)
-        return _ranks(to_rank, replication, model, num_ranks)
+        return _ranks(to_rank, truth, problem.data, drawn.theta, arrived, model)
 
     return jax.vmap(replicate)(keys)
 
 
 def _in_rounds(
-    keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any, num_ranks: int
+    keys: Key[Array, " replication"], model: Model, sampler: Sampler, options: Any
 ) -> Ranked:
     """Run one replication on all cores, with a sampler that works in rounds."""
     truth, problem, to_draw, to_rank = _posed_alone(keys[0], model)
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
     arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
     theta = {name: jnp.asarray(values) for name, values in drawn.theta.items()}
-    replication = _Replication(truth, problem.data, theta, jnp.asarray(arrived))
-    ranks = _ranks_alone(to_rank, replication, model, num_ranks)
+    ranks = _ranks_alone(to_rank, truth, problem.data, theta, jnp.asarray(arrived), model)
     return jax.tree.map(lambda value: value[None], ranks)
 
 
@@ -160,18 +158,11 @@ def _posed(
     return truth, problem, key_draws, key_rank
 
 
-class _Replication(NamedTuple):
-    """One replication: true values, simulated data, posterior draws, and whether sampling ended."""
-
-    truth: Mapping[str, Array]
-    data: PyTree
-    theta: Mapping[str, Float[Array, "chain draw"]]
-    arrived: Bool[Array, ""]
-
-
-def _ranks(key: Key[Array, ""], replication: _Replication, model: Model, num_ranks: int) -> Ranked:
+def _ranks(
+    key: Key[Array, ""], truth: Theta, data: PyTree, draws: Theta, arrived: Bool[Array, ""],
+    model: Model,
+) -> Ranked:  # fmt: skip
     """Return the rank of the true value of each quantity among its posterior draws."""
-    truth, data, draws, arrived = replication
 
     def values(theta: Theta) -> Float[Array, " quantity"]:
         parameters = [theta[name] for name in model.box.names]
@@ -184,7 +175,7 @@ def _ranks(key: Key[Array, ""], replication: _Replication, model: Model, num_ran
     rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in draws.items()}
     quantities = in_batches(values, rows)
     of_draws = quantities[:-1].reshape(*shape, -1)
-    return ranked(key, quantities[-1], of_draws, arrived, num_ranks)
+    return ranked(key, quantities[-1], of_draws, arrived)
 
 
 # These are compiled once for all replications that do not run in parallel.
@@ -196,11 +187,10 @@ def ranked(
     truth: Float[Array, " quantity"],
     draws: Float[Array, "chain draw quantity"],
     arrived: Bool[Array, ""],
-    num_ranks: int,
 ) -> Ranked:
     """Rank a true value among evenly thinned posterior draws, with random ranks for ties."""
     flat = draws.reshape(-1, draws.shape[-1])
-    thinned = flat[np.linspace(0, len(flat) - 1, num_ranks).round().astype(int)]
+    thinned = flat[np.linspace(0, len(flat) - 1, NUM_RANKS).round().astype(int)]
     tail = round(TAIL * len(flat))
     below, ties = _place(truth, flat)
     inside = (below + ties >= max(tail, 1)) & (below <= len(flat) - max(tail, 1))
@@ -224,8 +214,8 @@ def split_r_hat(draws: Float[Array, "chain draw quantity"]) -> Float[Array, " qu
     return jnp.where(still, 1.0, potential_scale_reduction(chains))
 
 
-def _check(model: Model, num_replications: int, num_ranks: int, batch: int) -> None:
-    counts = {"num_replications": num_replications, "num_ranks": num_ranks, "batch": batch}
+def _check(model: Model, num_replications: int, batch: int) -> None:
+    counts = {"num_replications": num_replications, "batch": batch}
     for name, value in counts.items():
         if value < 1:
             raise ConfigError(f"Argument `{name}` must be at least 1, but is {value}.")

@@ -21,9 +21,19 @@ DIAGNOSTICS = ("ess_bulk", "ess_tail", "r_hat")  # convergence diagnostics of ch
 LAPLACE = "laplace"  # name of independent draws from a fit's Gaussian approximation
 
 
+def posterior_draws(tree: xr.DataTree) -> xr.Dataset:
+    """Return the draws of a posterior's tree."""
+    return tree["posterior"].to_dataset()
+
+
+def shape_of(draws: xr.Dataset) -> tuple[int, int]:
+    """Return the number of chains, and the number of draws in each."""
+    return draws.sizes["chain"], draws.sizes["draw"]
+
+
 def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
     """Return indices of at most `num_draws` evenly spaced draws from all chains."""
-    total = posterior.sizes["chain"] * posterior.sizes["draw"]
+    total = math.prod(shape_of(posterior))
     return np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
 
 
@@ -67,7 +77,7 @@ def scalars(tree: xr.DataTree) -> dict[str, Float[np.ndarray, "chain draw"]]:
     """Return the draws of every scalar quantity of a posterior, by name."""
     return {
         str(name): np.asarray(variable.values)
-        for name, variable in tree["posterior"].to_dataset().items()
+        for name, variable in posterior_draws(tree).items()
         if variable.dims == ("chain", "draw")
     }
 

@@ -1,17 +1,21 @@
-"""Samples that are clipped at the largest or smallest value of their channel."""
+"""Samples that are clipped at an extreme of their channel, or that have a constant offset.
+
+A constant offset is no motion of a structure that starts from rest.
+"""
 
 from collections.abc import Iterator
 
 import numpy as np
 
 from jbw.measurement.channels import Reals, noise_of
-from jbw.measurement.faults.fault import Fault
+from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypothesis import Hypothesis
 from jbw.measurement.faults.suspect import Misfit, Suspect, as_columns, in_time
 from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.spans import kept_part
 from jbw.report.messages import record_faults as messages
-from jbw.report.messages.message import first_of
+from jbw.report.messages import response_faults
+from jbw.report.messages.message import FaultText, first_of
 
 CLIP_RUN = 3  # consecutive equal samples at the extreme
 # By chance, noise makes no flat peak fall by more than this many of its standard deviations.
@@ -28,6 +32,8 @@ PILED = 3
 # number of samples used to count levels, because sorting a very long record is slow
 LEVELS_FROM = 2**20
 CLIPPED_SHARE = 1e-3  # largest fraction of clipped samples with which a sweep can still be fitted
+# largest mean of a response, divided by its standard deviation; more is an offset of the channel
+OFFSET = 1.0
 
 
 class Clipping(Hypothesis):
@@ -110,3 +116,30 @@ def _piles_up(x: Reals, step: float) -> bool:
     # Values that differ only by round-off count as one level.
     levels = np.unique(np.round(some / (SAME * span)))
     return bool(ends > 2 * MORE_OFTEN * len(some) / len(levels))
+
+
+class Offset(Hypothesis):
+    """The fault that responses have a constant offset."""
+
+    name = "offset of the response"
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
+        """Yield columns of a constant offset for each data group compared sample by sample."""
+        groups = in_time(misfit.spectra)
+        units = zip(groups.items(), np.eye(len(groups)), strict=True)
+        columns = {n: np.tile(unit, (len(s.values), 1)) for (n, s), unit in units}
+
+        def text(offsets: Reals) -> FaultText:
+            shares = np.abs(offsets) / [np.std(s.values) for s in groups.values()]
+            largest = int(np.argmax(shares))
+            return response_faults.offset(float(shares[largest]), f" of {list(groups)[largest]}")
+
+        if groups:
+            yield Suspect(columns, text)
+
+
+def offset(record: Record) -> Iterator[Fault]:
+    """Yield a warning if the mean of a response exceeds its standard deviation."""
+    x = record.channels[record.response]
+    if abs(np.mean(x)) > OFFSET * np.std(x):
+        yield doubt(record.response, *response_faults.offset(abs(np.mean(x)) / np.std(x)))

@@ -196,7 +196,7 @@ def _from_json(kept: Mapping[str, Any]) -> Examined:
         }
         reading = ModeReading(**values)
     faults = tuple(
-        Fault(**fault | {"leaves": fault["leaves"] and tuple(fault["leaves"])})
+        Fault(**fault | {"leaves": (leaves := fault["leaves"]) and tuple(leaves)})
         for fault in kept["faults"]
     )
     low, high = kept["band_hz"]

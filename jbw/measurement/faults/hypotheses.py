@@ -2,10 +2,9 @@
 
 from collections.abc import Iterator
 
-from jbw.measurement.faults.clipping import Clipping
+from jbw.measurement.faults.clipping import Clipping, Offset
 from jbw.measurement.faults.drop_off import DropOff
 from jbw.measurement.faults.fault import Fault, doubt, refusal
-from jbw.measurement.faults.high_pass import HighPass
 from jbw.measurement.faults.hypothesis import (
     UNEXPLAINED,
     UNEXPLAINED_SHARE,
@@ -16,17 +15,12 @@ from jbw.measurement.faults.hypothesis import (
     remainder,
 )
 from jbw.measurement.faults.lag import ClocksApart, Delay, LostBlock
-from jbw.measurement.faults.load_cell import ZeroOfLoadCell
-from jbw.measurement.faults.offset import Offset
-from jbw.measurement.faults.outside_modes import OutsideModes
-from jbw.measurement.faults.own_frequencies import OwnFrequencies
+from jbw.measurement.faults.loop_hypotheses import HighPass, Slip, Wear, ZeroOfLoadCell
+from jbw.measurement.faults.plausibility import SwappedChannels
 from jbw.measurement.faults.second_blow import SecondBlow
-from jbw.measurement.faults.second_mode import SecondMode
-from jbw.measurement.faults.slip import Slip
+from jbw.measurement.faults.second_mode import OutsideModes, SecondMode
 from jbw.measurement.faults.steady_line import UndecayingLine
-from jbw.measurement.faults.swapped_channels import SwappedChannels
-from jbw.measurement.faults.unlike_gains import UnlikeGain
-from jbw.measurement.faults.wear import Wear
+from jbw.measurement.faults.unlike_gains import OwnFrequencies, UnlikeGain
 from jbw.measurement.faults.window import Window
 from jbw.measurement.readings.sweep import SweepFits
 from jbw.report.messages import decay_faults as messages

@@ -1,6 +1,10 @@
-r"""Features of force loops under prescribed displacement that the joint's law may lack.
+r"""Faults of force loops, and features of the joint that a law may lack.
 
-The first is a joint that is stronger to one side. The second is free travel: each stroke becomes
+A cause is named if sliders leave more than 1 % of the rms of the force beyond noise, and the cause
+explains 85 % of its sum of squares. Effects that a campaign states, a drifting zero or a
+wearing law, are fitted together with the sliders from the beginning.
+
+One feature is a joint that is stronger to one side. Another is free travel: each stroke becomes
 stiffer towards its end, where slip alone makes it softer, and the mean of both strokes at each
 displacement has kinks. The mean is fitted by the best of
 
@@ -8,14 +12,19 @@ $$a + b\,y + c\,y^3, \quad a + b\,y + c\,y^5, \quad
   a + b\,y + c\,\mathrm{sgn}(y)\,(|y| - g)_+$$
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from jbw.measurement.channels import Reals
-from jbw.measurement.curves import ForcedLoop
+from jbw.measurement.channels import Reals, noise_of
+from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.faults.fault import Fault, doubt
-from jbw.measurement.loops import cycles_of, lopsided
+from jbw.measurement.faults.hypotheses import HYPOTHESES
+from jbw.measurement.faults.loop_hypotheses import ZeroOfLoadCell, at_rest, loaded
+from jbw.measurement.faults.loop_residual import LoopCause, LoopResidual, path_of
+from jbw.measurement.loops import begins_unmoved, cycles_of, lopsided
+from jbw.measurement.readings.loop import MOST_SAMPLES, Columns, LoopBasis, basis_of
+from jbw.measurement.records import LOAD_CELLS, Record
 from jbw.report.messages import loop_faults as messages
 
 LOPSIDED = 0.25  # difference of the peak forces in both directions, divided by their sum
@@ -28,6 +37,14 @@ TWICE = 1.5
 STIFFER = 1.0
 GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel, divided by the amplitude
 BETTER = 0.4  # largest residual sum of squares with a gap, divided by that with a smooth spring
+# largest residual of a sound loop, in excess of noise, relative to the rms of the force
+LEFT = 0.01
+OFF = 0.02  # largest force before the motion, relative to the rms of the force
+# factor by which the residual of sliders may exceed the noise's sum of squares by chance
+NOISE = 1.2
+EXPLAINS = 0.85  # fraction of the residual in excess of noise that a cause must explain
+FEWEST = 64  # fewest samples of a loop
+WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint
 
 
 def one_sided(loop: ForcedLoop) -> Iterator[Fault]:
@@ -83,3 +100,59 @@ def _stiffens(stroke: Reals) -> bool:
     """Return whether a stroke stiffens at its end, given forces at even steps of displacement."""
     slopes = stroke[END:] - stroke[:-END]
     return bool(slopes[-1] > TWICE * np.min(slopes[:-END]))
+
+
+def loop_causes(
+    record: Record, delay: float, load_cell: str = "exact", laws: Sequence[str] = ()
+) -> Iterator[Fault]:
+    """Yield a wrong zero of the load cell, and the one cause of a loop's remaining residual.
+
+    Args:
+        record: A record of kind `loop`.
+        delay: Stated lag of its force [s].
+        load_cell: Stated behaviour of the zero of the load cell.
+        laws: Stated laws of the joint.
+    """
+    whole = forced_loop(record, delay)
+    every = -(-len(whole.force) // MOST_SAMPLES)
+    loop = ForcedLoop(
+        whole.fs / every, whole.displacement[::every], whole.force[::every], whole.begins
+    )
+    force = loop.force
+    if len(force) < FEWEST or not np.ptp(loop.displacement) or not np.ptp(force):
+        return
+    residual = LoopResidual(loop, *_bases(loop, load_cell, laws), record, delay, every)
+    found = [*_named(force, force, residual.fit().square, ZeroOfLoadCell().in_loop(residual))]
+    if not found and load_cell == "exact":
+        rest = at_rest(whole)
+        found = [*_named(whole.force, rest, float(rest @ rest), loaded(rest, whole.force), OFF)]
+    yield from found
+    residual = residual.with_zero()
+    others = (cause for one in HYPOTHESES for cause in one.in_loop(residual))
+    yield from _named(force, force, residual.fit().square, others)
+
+
+def _named(
+    force: Reals, part: Reals, square: float, tried: Iterable[LoopCause], least: float = LEFT
+) -> Iterator[Fault]:
+    """Yield the fault that explains most of a residual, if it explains enough of it."""
+    noise = noise_of(force) ** 2 * len(part)
+    if square - NOISE * noise < least**2 * len(part) * np.var(force) or len(part) < FEWEST:
+        return
+    most = noise + (1 - EXPLAINS) * (square - noise)
+    causes = [cause for cause in tried if cause.square < most]
+    if causes:
+        best = min(causes, key=lambda cause: cause.square)
+        yield doubt(best.role, *best.text)
+
+
+def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
+    """Return the columns of stated effects, and the columns of a zero error that was not stated."""
+    y, basis = loop.displacement, basis_of(loop.displacement)
+    known = LOAD_CELLS.index(load_cell)
+    if not begins_unmoved(y):
+        known = max(known, 1)  # Sliders that are fully stuck there contribute a constant.
+    springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)
+    if set(laws) & set(WEARING):
+        springs = np.column_stack([springs, *(path_of(loop) * loop.force)])
+    return LoopBasis(basis.losses, springs), zero

@@ -1,14 +1,19 @@
-"""Checks whether a record of broad-band excitation fits what its campaign file states."""
+"""Checks whether a record of broad-band excitation can be what its campaign file states.
+
+If input and response are exchanged, the input has the resonance.
+"""
 
 import warnings
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, lines_within
 from jbw.measurement.faults.fault import Fault, doubt
-from jbw.measurement.faults.swapped_channels import SEGMENTS, carried, peaked_input
+from jbw.measurement.faults.hypothesis import Hypothesis
+from jbw.measurement.faults.suspect import Cause, Misfit, stiffness
 from jbw.measurement.faults.unlike_gains import turned_over
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
@@ -22,6 +27,10 @@ CLEAR = 4.0  # A peak in the band is a resonance if it exceeds the band's median
 RESOLVED = 1.5  # smallest width 2 zeta f_n of a resolved peak, in window widths 1 / T
 LOW_COHERENCE = 0.5  # smallest median coherence of the lines with response
 MASS_FACTOR = 3.0  # largest factor between estimated and stated modal mass; more means a wrong unit
+SEGMENTS = 8  # number of segments: few, but enough for a resonance to stand out of the spectra
+FLOOR = 1e-4  # Lines below this fraction of the largest density are outside the excitation.
+# An input whose spectrum is more peaked than the response's by this factor looks like a response.
+PEAKED = 10.0
 
 
 def doubts(
@@ -108,3 +117,37 @@ def _missized(
         yield turned_over(role, seen)
     elif not 1 / MASS_FACTOR < ratio < MASS_FACTOR:
         yield doubt(role, *gain_messages.other_size(ratio))
+
+
+class SwappedChannels(Hypothesis):
+    """The fault that input and response of a test are exchanged."""
+
+    name = "swapped channels"
+
+    def suspects(self, misfit: Misfit) -> Iterator[Cause]:
+        """Yield, for each test, how well the mode predicts the input from the response."""
+        for label in misfit.missed:
+            spectrum, norm = misfit.spectra[label], np.linalg.norm
+            modelled = spectrum.factor * spectrum.measured / stiffness(misfit.theta, spectrum.omega)
+            along = np.vdot(modelled, spectrum.source).real / np.vdot(modelled, modelled).real
+            residual = norm(spectrum.source - along * modelled) / norm(spectrum.source)
+            if along != 0:
+                explained = 1 - (residual / misfit.error(label)) ** 2
+                yield Cause(messages.swapped(f" of {label}"), float(explained), label)
+
+
+def peaked_input(source: str, estimate: FRF) -> Iterator[Fault]:
+    """Yield a warning if an input's spectrum is far more peaked than the response's spectrum."""
+    lines = carried(estimate)
+    if lines.sum() < SEGMENTS:
+        return
+    spectra = (estimate.input_spectrum[lines], estimate.output_spectrum[lines])
+    of_input, of_response = (float(x.max() / np.median(x)) for x in spectra)
+    if of_input >= PEAKED * of_response:
+        yield doubt(source, *messages.swapped(ratio=of_input / of_response))
+
+
+def carried(estimate: FRF) -> NDArray[np.bool_]:
+    """Return a mask of the lines at which both input and response have power."""
+    force, response = estimate.input_spectrum, estimate.output_spectrum
+    return (force > FLOOR * force.max()) & (response > FLOOR * response.max())

@@ -10,8 +10,8 @@ from jbw.errors import DataError, JbwError
 from jbw.measurement.channels import Reals, lines_within
 from jbw.measurement.curves import ForcedLoop, MeasuredCurve, displacement_of
 from jbw.measurement.demodulation import band_filter
+from jbw.measurement.faults.clipping import offset
 from jbw.measurement.faults.fault import Fault, doubt, refusal
-from jbw.measurement.faults.offset import offset
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.resonances import DrivenLines, driven_lines, read_lines

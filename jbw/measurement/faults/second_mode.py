@@ -1,4 +1,4 @@
-"""A second mode within the band, which beats with the first mode."""
+"""Modes besides the first one: a second mode within the band, and modes outside the band."""
 
 from collections.abc import Iterable, Iterator
 
@@ -23,6 +23,7 @@ from jbw.measurement.readings.sweep import (
     mirror_of,
     sweep_columns,
 )
+from jbw.report.messages import causes
 from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.message import FaultText
 
@@ -174,3 +175,18 @@ def _in_sweep(fits: SweepFits, away: float) -> SweepCause:
         return np.column_stack([columns, second[:, 0]])
 
     return SweepCause(np.array([1.0, away]), with_mode)
+
+
+class OutsideModes(Hypothesis):
+    r"""The response of modes outside the band, common to all tests: $X = (R - M / \omega^2)\,U$."""
+
+    name = "modes outside the band"
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
+        """Yield columns of a compliance and a mass that represent modes outside the band."""
+        columns = {}
+        for label, spectrum in misfit.spectra.items():
+            stiff, squares = spectrum.factor * spectrum.source, spectrum.omega**2
+            mass = np.divide(-stiff, squares, out=np.zeros_like(stiff), where=squares > 0)
+            columns[label] = as_columns(spectrum.row(stiff), spectrum.row(mass))
+        yield Suspect(columns, lambda terms: causes.residual_term(terms[0]))

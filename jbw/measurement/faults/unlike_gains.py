@@ -1,9 +1,13 @@
-"""Tests and repeats whose ratio of response to drive differs from the others in sign or size."""
+"""Tests and repeats that differ from the others in gain, natural frequency or damping.
+
+The gain is the ratio of response to drive, with its sign.
+"""
 
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from jbw.measurement.channels import Reals
 from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypothesis import Hypothesis
 from jbw.measurement.faults.suspect import (
@@ -16,6 +20,7 @@ from jbw.measurement.faults.suspect import (
 )
 from jbw.measurement.residual_spectra import Spectrum
 from jbw.measurement.resonances import oscillator_through
+from jbw.report.messages import causes
 from jbw.report.messages import gain_faults as messages
 from jbw.report.messages.message import FaultText
 
@@ -156,3 +161,26 @@ def turned_over(role: str, gain: float) -> Fault:
     """Return a warning that the response moves against its drive, as the negative gain shows."""
     is_base = role == "acceleration" and abs(gain + 1) < BASE
     return doubt(role, *(messages.base_motion(gain) if is_base else messages.negative_gain(role)))
+
+
+class OwnFrequencies(Hypothesis):
+    """The fault that each test has a separate natural frequency and damping ratio."""
+
+    name = "natural frequency of tests"
+
+    def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
+        """Yield columns that state how separate frequencies and damping change the data."""
+        slopes, count = misfit.slopes, len(misfit.slopes)
+        if len(misfit.spectra) < 2 or not slopes:
+            return
+        columns = {}
+        for place, label in enumerate(misfit.spectra):
+            own = as_columns(*(-slope[label] for slope in slopes.values()))
+            others = count * place, count * (len(misfit.spectra) - 1 - place)
+            columns[label] = np.pad(own, ((0, 0), others))
+        unit = misfit.theta["omega_n"] if "omega_n" in slopes else 1.0
+
+        def text(offsets: Reals) -> FaultText:
+            return causes.natural_frequencies(float(np.std(offsets[::count]) / unit))
+
+        yield Suspect(columns, text)

@@ -97,19 +97,18 @@ def _leaf(signal: Mapping[str, Any], i: int) -> Leaf:
             f"SEP-005 series [{i}] has no `{missing[0]}`.",
             remedy=f"Each needs {', '.join(NEEDED)}, and fs or time.",
         )
-    data = np.asarray(signal["data"])
+    name, data, time = signal["name"], np.asarray(signal["data"]), signal.get("time")
     if data.ndim != 1 or not np.issubdtype(data.dtype, np.number):
         raise DataError(
-            f"SEP-005 series {signal['name']!r}: `data` must be one axis of numbers, "
+            f"SEP-005 series {name!r}: `data` must be one axis of numbers, "
             f"but has shape {data.shape} and type {data.dtype}."
         )
     fs = signal.get("fs")
-    if signal.get("time") is not None:
-        time = np.asarray(signal["time"])
+    if time is not None:
+        time = np.asarray(time)
         if time.shape != data.shape:
             raise DataError(
-                f"SEP-005 series {signal['name']!r}: `time` has {time.size} values, "
-                f"`data` {data.size}."
+                f"SEP-005 series {name!r}: `time` has {time.size} values, `data` {data.size}."
             )
-        fs = sampling_frequency(time, f"{signal['name']}, time")[0] if fs is None else fs
+        fs = sampling_frequency(time, f"{name}, time")[0] if fs is None else fs
     return leaf(data, fs=None if fs is None else float(fs), unit=str(signal["unit_str"]))

@@ -88,6 +88,11 @@ def _stated(dataset: Mapping[str, Any], key: str) -> str:
     return "" if text.upper() == "NONE" else text
 
 
+def _number(dataset: Mapping[str, Any], key: str) -> float:
+    """Return a number of a data set; 0 if it is missing."""
+    return float(dataset.get(key) or 0.0)
+
+
 def _titles(sets: Sequence[Mapping[str, Any]]) -> list[str]:
     """Return the sets' names: first lines of identification, or labels if these say nothing."""
     firsts = [_stated(dataset, "id1") for dataset in sets]
@@ -107,12 +112,12 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
             f"{where} declares {declared} samples, but has {len(data)}.",
             remedy="Copy the file again, or export it again.",
         )
-    quantity = SPECIFIC.get(int(dataset.get("ordinate_spec_data_type") or 0), "")
+    quantity = SPECIFIC.get(int(_number(dataset, "ordinate_spec_data_type")), "")
     unit = _unit_of(dataset, "ordinate", quantity, system)
     label = _stated(dataset, "ordinate_axis_lab")
     label = f"{quantity} {label}".strip() if quantity else label
     if dataset.get("func_type") == FREQUENCY_RESPONSE:
-        per = SPECIFIC.get(int(dataset.get("orddenom_spec_data_type") or 0), "")
+        per = SPECIFIC.get(int(_number(dataset, "orddenom_spec_data_type")), "")
         below = _unit_of(dataset, "orddenom", per, system)
         if unit and below and "/" + plain(below) not in plain(unit) and not _is_ratio(unit):
             unit = f"({unit})/{below}"
@@ -120,12 +125,12 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
             "frequency": replace(leaf(x, unit="Hz"), label="frequency"),
             "response": replace(leaf(data, unit=unit), label=label),
         }
-    spacing, fs = float(dataset.get("abscissa_inc") or 0.0), None
+    spacing, fs = _number(dataset, "abscissa_inc"), None
     if spacing > 0:
         fs = 1 / spacing
     elif len(x) > 1:  # uneven
         fs, _ = sampling_frequency(x, f"{where}, abscissa")
-    start = float(dataset.get("abscissa_min") or 0.0)
+    start = _number(dataset, "abscissa_min")
     return replace(leaf(data, fs=fs, unit=unit, start_s=start), label=label)
 
 
@@ -147,10 +152,10 @@ def _unit_of(
     if unit or not quantity or not system:
         return unit
     which = "force" if quantity == "force" else "length"
-    factor = float(system.get(which) or 0.0)
+    factor = _number(system, which)
     table = FACTORS["force" if which == "force" else "displacement"]
     base = next((n for n, si in table.items() if abs(si * factor - 1) < SAME_FACTOR), "")
-    of_code = SYSTEMS.get(int(system.get("units_code") or 0), {}).get(which, base)
+    of_code = SYSTEMS.get(int(_number(system, "units_code")), {}).get(which, base)
     return base + BEHIND.get(quantity, "") if base and base == of_code else ""
 
 

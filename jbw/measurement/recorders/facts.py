@@ -71,24 +71,24 @@ def stated(text: str, pattern: str) -> str:
 
 
 RATE = re.compile(
-    r"^[\"#%;\s]*(?:default\s+)?(?P<key>fs|f_s|(?:sampling|sample|scan|acquisition)[\s_]*"
+    r"^[\"#%;\s]*(?:default\s+)?(fs|f_s|(?:sampling|sample|scan|acquisition)[\s_]*"
     r"(?:frequency|freq\.?|rate)|samplerate|abtastrate|abtastfrequenz|messrate)"
-    r"\s*(?:\[(?P<unit>[^\]]*)\]|\((?P<unit2>[^)]*)\))?[\"\s]*[:=;,\t ][\"\s]*"
-    r"(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*[,;]?\s*(?P<behind>[A-Za-zµ/]*)",
+    r"\s*(?:\[([^\]]*)\]|\(([^)]*)\))?[\"\s]*[:=;,\t ][\"\s]*"
+    r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*[,;]?\s*([A-Za-zµ/]*)",
     re.IGNORECASE,
 )
 INTERVAL = re.compile(
-    r"^[\"#%;\s]*(?P<key>dt|d(?:elta)[\s_]*[tx]|(?:sampling|sample|x|time|horizontal)[\s_]*"
+    r"^[\"#%;\s]*(dt|d(?:elta)[\s_]*[tx]|(?:sampling|sample|x|time|horizontal)[\s_]*"
     r"(?:interval|increment|period|resolution)|x[\s_]*increment|abtastintervall|increment)"
-    r"\s*(?:\[(?P<unit>[^\]]*)\]|\((?P<unit2>[^)]*)\))?[\"\s]*[:=;,\t ][\"\s]*"
-    r"(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<behind>[A-Za-zµ]*)",
+    r"\s*(?:\[([^\]]*)\]|\(([^)]*)\))?[\"\s]*[:=;,\t ][\"\s]*"
+    r"([-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([A-Za-zµ]*)",
     re.IGNORECASE,
 )
 # a rate within a sentence, which must state its unit: `sampled at 2 kHz`, `1000 Hz sampling rate`
 SPOKEN = re.compile(
-    r"(?:(?<!re)(?<!down)sampl|abtast|acquisition\s+rate|scan\s+rate|\bfs\b)[^\d\n]{0,40}?(?P<value>\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
-    r"\s*(?P<unit>[kM]?(?:Hz|S/s|Sa/s))\b"
-    r"|(?P<value2>\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<unit2>[kM]?(?:Hz|S/s|Sa/s))\s+(?:sampl|abtast)",
+    r"(?:(?<!re)(?<!down)sampl|abtast|acquisition\s+rate|scan\s+rate|\bfs\b)[^\d\n]{0,40}?(\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
+    r"\s*([kM]?(?:Hz|S/s|Sa/s))\b"
+    r"|(\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*([kM]?(?:Hz|S/s|Sa/s))\s+(?:sampl|abtast)",
     re.IGNORECASE,
 )
 TIMES = r"^t$|\btime|\bdatetime\b|\bzeit(?:stempel)?\b|\btemps\b|^date$"
@@ -107,21 +107,15 @@ class Axis(NamedTuple):
 
 def axis_in(lines: Sequence[str]) -> Axis | None:
     """Return the axis described by keys such as `Delta` and `AxisUnit`; None without such keys."""
-    facts = {
-        key: next(filter(None, (stated(line, pattern) for line in lines)), "")
-        for key, pattern in (
-            ("unit", r"(?:x[\s_]*)?axis[\s_]*unit|x[\s_]*units?"),
-            ("step", "delta"),
-        )
-    }
-    unit, step = plain(facts["unit"]), number_in(facts["step"])
+    unit, step = (
+        next(filter(None, (stated(line, pattern) for line in lines)), "")
+        for pattern in (r"(?:x[\s_]*)?axis[\s_]*unit|x[\s_]*units?", "delta")
+    )
+    unit, step = plain(unit), number_in(step)
     if unit in FACTORS["frequency"]:
         return Axis("frequency", unit, None)
-    return (
-        Axis("time", unit, rate_of(step * FACTORS["time"][unit]))
-        if unit in FACTORS["time"]
-        else None
-    )
+    seconds = FACTORS["time"].get(unit)
+    return None if seconds is None else Axis("time", unit, rate_of(step * seconds))
 
 
 def rate_in(lines: Sequence[str], *, with_sentences: bool = False) -> float | None:
@@ -137,14 +131,15 @@ def rate_in(lines: Sequence[str], *, with_sentences: bool = False) -> float | No
             match = pattern.match(line[:200])
             if not match:
                 continue
-            unit = (match["unit"] or match["unit2"] or match["behind"] or "").strip().lower()
-            value = float(match["value"].replace(",", "."))
+            _, bracketed, in_parentheses, text, behind = match.groups()
+            unit = (bracketed or in_parentheses or behind or "").strip().lower()
+            value = float(text.replace(",", "."))
             if unit in units and value > 0:
                 return float(to_fs(value * units[unit]))
     for line in lines if with_sentences else ():
         if match := SPOKEN.search(line[:200]):
-            value = float((match["value"] or match["value2"]).replace(",", "."))
-            return positive(value * HERTZ[(match["unit"] or match["unit2"]).lower()])
+            value, unit = filter(None, match.groups())
+            return positive(float(value.replace(",", ".")) * HERTZ[unit.lower()])
     return None
 
 

@@ -4,9 +4,10 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
+from jbw.oscillator.kinks import Corner
 from jbw.oscillator.law import Bounds, Conversion, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
-from jbw.oscillator.laws.masing import Kink, Masing
+from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.powers import PER_REFERENCE, REFERENCE, power, power_loop
 from jbw.oscillator.laws.relaxation import exponential_remainder
 from jbw.oscillator.parameters import SLOW, Scalar
@@ -186,11 +187,11 @@ class Iwan4(Masing):
         """Return K_T, the stiffness with all sliders stuck [1/s^2]."""
         return self.iwan_stiffness
 
-    def kink(self) -> Kink:
+    def kink(self) -> Corner:
         """Return the virgin curve's kink at macroslip, where the last sliders slip together."""
         phi_max = self.phi_max
         spread = self.iwan_stiffness / (1.0 + self.iwan_beta)
-        return Kink(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
+        return Corner(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
 
     def powers_of_length(self) -> dict[str, Scalar]:
         """Return the power of length to add to the unit of the loss, which is stated at 1 mm."""

@@ -1,14 +1,14 @@
 r"""Springs whose slope or curvature jumps at some displacements: stops, and the force y|y|."""
 
 from collections.abc import Mapping
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import generic
-from jbw.oscillator.kinks import Ends, StepPath, barrier, signed, slope_jump_impulse
+from jbw.oscillator.kinks import Corner, Ends, StepPath, barrier, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Loop, Scales, Threshold
 from jbw.oscillator.laws.springs import MOST_SHARE, Spring
 from jbw.oscillator.parameters import (
@@ -32,20 +32,6 @@ STOP_SHARE = (-0.5, 2.0)
 # Prior of the gap relative to the largest displacement; a stop without gap is a linear spring.
 STOP_GAP = (0.02, 1.0)
 _NODES, _NODES_PER_HARMONIC = 16, 4
-
-
-class Corner(NamedTuple):
-    """A displacement where the derivatives of a spring's force jump, with the jumps.
-
-    Attributes:
-        y: Displacement [m].
-        slope: Jump of f' [1/s^2].
-        curvature: Jump of f'' [1/(m s^2)].
-    """
-
-    y: Scalar
-    slope: Scalar
-    curvature: Scalar
 
 
 class KinkedSpring(Spring):

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
-from jbw.oscillator.kinks import Ends, StepPath, barrier, kink_impulse, slope_jump_impulse
+from jbw.oscillator.kinks import Corner, Ends, StepPath, barrier, kink_impulse, slope_jump_impulse
 from jbw.oscillator.law import Law, Loop
 from jbw.oscillator.laws.masing_loop import steady_force, steady_harmonics, steady_loop
 from jbw.oscillator.laws.reversals import (
@@ -35,20 +35,6 @@ from jbw.oscillator.laws.reversals import (
 )
 from jbw.oscillator.parameters import SLOW, Scalar, batched
 from jbw.report.messages.joint import SAME_CURVES
-
-
-class Kink(NamedTuple):
-    """A displacement where the virgin curve's slope or curvature jumps, with the jumps.
-
-    Attributes:
-        x: Displacement [m].
-        slope: Jump of the slope [1/s^2].
-        curvature: Jump of the curvature [1/(m s^2)].
-    """
-
-    x: Scalar
-    slope: Scalar
-    curvature: Scalar
 
 
 class _Move(NamedTuple):
@@ -86,7 +72,7 @@ class Masing(Law):
         """Return the integral of the force lost to slip from 0 to x [J/kg]."""
         raise NotImplementedError
 
-    def kink(self) -> Kink | None:
+    def kink(self) -> Corner | None:
         """Return the kink of the virgin curve, or None if it is smooth."""
         return None
 
@@ -206,7 +192,7 @@ class Masing(Law):
         force, slope = self._on_branch(memory, after)
         met = (sense * dy <= 0.0) | closes(sense, after, memory.y, memory.closure)
         if (kink := self.kink()) is not None:
-            place = kink.x * memory.stretch
+            place = kink.y * memory.stretch
             met = met | ((sense * (y - memory.y) < place) & (sense * (after - memory.y) >= place))
         return memory._replace(force=force, slope=slope), met  # pyright: ignore[reportReturnType]
 
@@ -244,7 +230,7 @@ class Masing(Law):
         yield _where_met(closing, closure)
         if (kink := self.kink()) is None:
             return
-        place = after.y + after.sense * after.stretch * kink.x
+        place = after.y + after.sense * after.stretch * kink.y
         begun = jnp.where(closing, first.closure, y)
         ahead, passed = place - begun, y + path.before - place
         met = jnp.asarray((after.sense * ahead > 0.0) & (after.sense * passed >= 0.0))

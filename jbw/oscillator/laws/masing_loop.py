@@ -33,7 +33,7 @@ def steady_loop(law: Masing, y_peak: Scalar) -> tuple[Scalar, Scalar]:
     peak = jnp.where(at_zero, 1.0, y_peak)
     kink = law.kink()
     # The angle at which x reaches the kink; pi if the loop does not reach it.
-    share = 1.0 if kink is None else jnp.minimum(stop_gradient(kink.x / peak), 1.0)
+    share = 1.0 if kink is None else jnp.minimum(stop_gradient(kink.y / peak), 1.0)
     inner = 2.0 * jnp.arcsin(jnp.sqrt(share))
     theta, weights = gauss_legendre_between(_NODES, 0.0, inner, jnp.pi)
     lag, _ = law.lag(peak * jnp.sin(0.5 * theta) ** 2)
@@ -48,7 +48,7 @@ def steady_harmonics(law: Masing, q: Complex[Array, " harmonic"]) -> Complex[Arr
     start = crest(q)
     peak = synthesis(q, start)
     kink = law.kink()
-    place = peak if kink is None else peak - 2.0 * kink.x
+    place = peak if kink is None else peak - 2.0 * kink.y
     begin, inner = stop_gradient((start, angle_of(q, start, place)))
     num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
     theta, weights = gauss_legendre_between(num_nodes, begin, inner, begin + jnp.pi)

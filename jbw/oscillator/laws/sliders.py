@@ -44,7 +44,7 @@ def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
         count: Number of sliders; a kink of the virgin curve within the reach adds one.
     """
     kink = law.kink()
-    most = reach if kink is None else min(reach, float(kink.x))
+    most = reach if kink is None else min(reach, float(kink.y))
     edges = most * np.linspace(0.0, 1.0, count + 1) ** GRADING
     if most < reach:
         # A separate slider represents the kink of the virgin curve, if it has one.

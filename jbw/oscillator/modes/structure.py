@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
 
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.checks import is_concrete, require_finite, stiffer_than_structure
@@ -146,30 +145,30 @@ def admitted(structure: Structure) -> Structure:
                 remedy=f"Give `{name}`, " + ("0 where nothing pushes." if name == "b" else
                 "1 for the sum of the modal coordinates."),
             )  # fmt: skip
-    values = {name: jnp.asarray(getattr(structure, name), float) for name in (*_PER_MODE, "h", "c")}
-    several = values["h"].ndim == 2
-    values["p"] = values["h"].T if structure.p is None else jnp.asarray(structure.p, float)
+    if structure.p is None:
+        structure = replace(structure, p=jnp.asarray(structure.h).T)
+    values = {n: jnp.asarray(getattr(structure, n), float) for n in (*_PER_MODE, "h", "p", "c")}
+    structure = replace(structure, **values)
+    several = jnp.ndim(structure.h) == 2
     names = _PER_MODE if several else (*_PER_MODE, "h", "p")
     modes = _number_of_modes({name: values[name].shape for name in names})
-    for name in names:
-        values[name] = values[name].reshape(modes)
+    structure = replace(structure, **{name: values[name].reshape(modes) for name in names})
     if several:
-        _require_joints(structure, values, *modes)
+        _require_joints(structure, *modes)
     elif any(isinstance(law, tuple) for law in structure.laws):
         raise ConfigError(
             "Field `laws` of a `Structure` must contain laws if `h` has one number per mode, "
             "but contains tuples of them.",
             remedy="Give `h` a row for every joint, or give only the laws of the single joint.",
         )
-    if not values["c"].shape:
-        values["c"] = values["c"].reshape(1)
-    if values["c"].ndim > 2 or values["c"].shape[-1:] != modes:
+    c = jnp.atleast_1d(values["c"])
+    if c.ndim > 2 or c.shape[-1:] != modes:
         raise ConfigError(
             f"Field `c` of a `Structure` must have {modes[0]} numbers, one per mode, for every "
-            f"output, but has the shape {values['c'].shape}.",
+            f"output, but has the shape {c.shape}.",
             remedy="Give one row per output.",
         )
-    structure = replace(structure, **values)
+    structure = replace(structure, c=c)
     _require_modes(structure)
     return structure
 
@@ -196,16 +195,16 @@ def _number_of_modes(shapes: dict[str, tuple[int, ...]]) -> tuple[int]:
     return modes  # pyright: ignore[reportReturnType]
 
 
-def _require_joints(structure: Structure, values: dict[str, Array], num_modes: int) -> None:
+def _require_joints(structure: Structure, num_modes: int) -> None:
     """Raise if motions h, couplings p and laws do not belong to the same joints and modes."""
-    num_joints = values["h"].shape[0]
+    num_joints = len(jnp.asarray(structure.h))
     for name, shape, axes in (
         ("h", (num_joints, num_modes), "joint, mode"), ("p", (num_modes, num_joints), "mode, joint")
     ):  # fmt: skip
-        if values[name].shape != shape:
+        if (own := getattr(structure, name).shape) != shape:
             raise ConfigError(
                 f"Field `{name}` of a `Structure` of {num_modes} modes must have the shape {shape} "
-                f"({axes}), but has {values[name].shape}.",
+                f"({axes}), but has {own}.",
                 remedy="Give `h` one row per joint, and leave out `p` if it is h transposed.",
             )
     if num_joints == 0:

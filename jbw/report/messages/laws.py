@@ -239,15 +239,13 @@ LOOPS = (
 LOOPS_TITLE = "Loops, residuals and held-out sessions"
 FURTHER = "The same curves for laws with lower scores."
 UNJUDGED_TITLE = "Laws that could not be judged"
-LABELS = {
-    "backbone": " under each law with its 99 % band; dotted: largest fitted amplitude",
-    "amplitude": "amplitude of the displacement [mm]",
-    "loop": "loop of each law at the largest fitted amplitude",
-    "force": "force minus the force of the linear spring [N/kg]",
-    "residual": "residual of each law along ",
-    "place": "position in the record (0: start, 1: end)",
-    "error": "error of each session, predicted from the others",
-    "bar": "; bar: error of a linear oscillator that is fitted to the session",
-    "error_axis": "RMS error / rms of the record [%]",
-}
-"""Labels of the figure of laws next to each other."""
+# labels of the figure of laws next to each other
+UNDER_EACH_LAW = " under each law with its 99 % band; dotted: largest fitted amplitude"
+AMPLITUDE_AXIS = "amplitude of the displacement [mm]"
+LOOP_OF_LAWS = "loop of each law at the largest fitted amplitude"
+FORCE_AXIS = "force minus the force of the linear spring [N/kg]"
+RESIDUAL_ALONG = "residual of each law along "
+POSITION_AXIS = "position in the record (0: start, 1: end)"
+ERROR_OF_SESSIONS = "error of each session, predicted from the others"
+BAR_OF_LINEAR = "; bar: error of a linear oscillator that is fitted to the session"
+ERROR_AXIS = "RMS error / rms of the record [%]"

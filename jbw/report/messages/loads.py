@@ -1,7 +1,7 @@
 """Messages on predictions under other loads: content of bands, extrapolation, units, names."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 DOWNWARD, OF_SPECTRUM = "downward sweep, 99 % band", "natural frequency, Q = 10"
@@ -48,11 +48,11 @@ def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: boo
         )
 
 
-def units_of_resonance(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
+def units_of_resonance(unit: str, name: str) -> dict[str, dict[str, str]]:
     """Return the attributes (unit and long name) of the variables of a resonance."""
     return {
         "frequency": {**HERTZ, "long_name": "frequency of the peak"},
-        "peak": {**response, "long_name": f"peak {response['long_name']}"},
+        "peak": {"units": unit, "long_name": f"peak {name}"},
         "displacement": {**METRE, "long_name": "peak displacement"},
         "quality": {**NUMBER, "long_name": "Q; not given where the response curve folds"},
         "half_power_width": {**HERTZ, "long_name": "half-power width"},
@@ -64,11 +64,10 @@ def units_of_resonance(response: Mapping[str, str]) -> dict[str, dict[str, str]]
     }
 
 
-def units_of_random(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
+def units_of_random(unit: str, name: str) -> dict[str, dict[str, str]]:
     """Return the attributes (unit and long name) of the variables of a random response."""
-    unit, name = response["units"], response["long_name"]
     return {
-        "rms": {**response, "long_name": f"rms {name}"},
+        "rms": {"units": unit, "long_name": f"rms {name}"},
         "displacement": {**METRE, "long_name": "rms displacement"},
         "largest_displacement": {**METRE, "long_name": "largest displacement"},
         "peak_factor": {**NUMBER, "long_name": "largest displacement / its rms"},
@@ -99,14 +98,16 @@ def bare_level(unit: str) -> str:
     )
 
 
-def contains(attrs: Mapping[str, Any]) -> str:
+def contains(
+    band: str, num_draws: int, drive: str, participation: float = 1.0, shape: float = 1.0, **_: Any
+) -> str:  # fmt: skip
     """Return the sentence on what the bands contain, and on the participation of a moving base."""
-    said = f"The 99 % bands contain {attrs['band']} ({attrs['num_draws']} draws)."
-    if attrs["drive"] != "base":
+    said = f"The 99 % bands contain {band} ({num_draws} draws)."
+    if drive != "base":
         return said
     return (
-        f"{said} The mode has the participation factor {attrs['participation']:.4g} and the "
-        f"shape {attrs['shape']:g}; to change them, use --participation and --shape."
+        f"{said} The mode has the participation factor {participation:.4g} and the "
+        f"shape {shape:g}; to change them, use --participation and --shape."
     )
 
 

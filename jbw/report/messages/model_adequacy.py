@@ -1,5 +1,6 @@
 """Findings that answer the question whether the model fits the data."""
 
+import math
 from collections.abc import Sequence
 
 from jbw.report.messages.discrepancy import missed
@@ -23,8 +24,8 @@ TO = {
 
 
 def grade(
-    status: str, count: int, error: float, worst: float, linear: float, coverage: float, to: str,
-    **_: object,
+    status: str, count: int, error: float, worst: float, linear: float = math.nan,
+    coverage: float = math.nan, to: str = "", **_: object,
 ) -> str:  # fmt: skip
     """Return the grade of a law, with its prediction errors relative to the rms of the tests."""
     one = count == 1

@@ -25,6 +25,11 @@ def span(first: float, last: float) -> str:
     return f"`span = [{first}, {last}]`"
 
 
+def periods(first: float, last: float, count: int) -> str:
+    """Return the keys that keep whole periods of a record, between two times [s]."""
+    return f"{span(first, last)} and `periods = {count}`"
+
+
 def exclude(files: str) -> str:
     """Return the campaign line that excludes files, given as a TOML list."""
     return f"`exclude = {files}`"

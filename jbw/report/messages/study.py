@@ -207,24 +207,21 @@ def further_units(torque: float | None, *, of_units: bool) -> str:
     return f"New units{at}, with {gain}"
 
 
-VARIABLES = {
-    "response": "rms of the response, divided by the rms of the mean of the test's repeats",
-    "log_likelihood": (
-        "log likelihood of a record given its noise, minus that of the mean of the test's "
-        "repeats with the standard deviation between them [nats]"
-    ),
-    "conv": "running mean of the response's energy, conv(n)",
-    "extrapolation": "largest displacement / largest fitted displacement",
-    "line": (
-        "RMS error of a linear oscillator fitted to the session, divided by the rms of the session"
-    ),
-    "hopeless": (
-        "1 if the law is judged by its fit alone, so that its band is only that of the "
-        "fit; otherwise 0"
-    ),
-    "weight": "factor by which a degree of freedom enters the joint's motion",
-}
-"""Long names of variables of results."""
+# long names of variables of results
+RMS_OF_RESPONSE = "rms of the response, divided by the rms of the mean of the test's repeats"
+LIKELIHOOD_OF_RECORD = (
+    "log likelihood of a record given its noise, minus that of the mean of the test's "
+    "repeats with the standard deviation between them [nats]"
+)
+RUNNING_ENERGY = "running mean of the response's energy, conv(n)"
+EXTRAPOLATION = "largest displacement / largest fitted displacement"
+ERROR_OF_LINEAR = (
+    "RMS error of a linear oscillator fitted to the session, divided by the rms of the session"
+)
+FIT_ALONE = (
+    "1 if the law is judged by its fit alone, so that its band is only that of the fit; otherwise 0"
+)
+WEIGHT_OF_DOF = "factor by which a degree of freedom enters the joint's motion"
 
 
 def rank_below(name: str) -> str:
