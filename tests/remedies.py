@@ -55,6 +55,10 @@ PASTED = {
     ("campaign/tables.py", "relative_to_base"): "measurement/test_base_motion.py::"
     "test_the_remedy_of_a_velocity_on_a_base_is_taken",
     ("report/messages/campaign_faults.py", "delay"): DRIVEN,
+    ("report/messages/record_faults.py", "delay"): CHECKS
+    + "test_values_that_are_held_are_accounted_for_by_the_delay",
+    ("report/messages/remedies.py", "periods"): CHECKS
+    + "test_a_multisine_is_cut_to_whole_periods_beside_a_gap",
     ("report/messages/campaign_faults.py", "same_as"): JOINTS
     + "test_label_switching_is_refused_and_the_remedy_cures",
     ("identification/uncertain_shapes.py", "shapes"): "identification/test_uncertain_shapes.py::"

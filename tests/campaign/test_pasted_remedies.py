@@ -950,10 +950,22 @@ def test_a_multisine_is_cut_to_whole_periods_beside_a_gap(tmp_path, at):
         'units = { force = "N", acceleration = "m/s^2" }\n'
     )
     (gap,) = [fault for fault in faults(path) if "constant" in fault.what]
-    span, count = re.findall(r"`(span = .*?)` and `(periods = \d+)`", gap.remedy)[0]
-    text = path.read_text().replace(f"periods = {periods}\n", f"{count}\n{span}\n")
-    path.write_text(text)
+    for line in re.findall(r"`(span = .*?)` and `(periods = \d+)`", gap.remedy)[0]:
+        path.write_text(with_line(path.read_text(), line))
     assert [fault for fault in faults(path) if fault.severity == "error"] == []
+
+
+@pytest.mark.parametrize("each", [2, 3])
+def test_values_that_are_held_are_accounted_for_by_the_delay(tmp_path, each):
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    stored = np.load(tmp_path / "sweep.npz")
+    held = np.repeat(stored["x"][::each], each)[: len(stored["x"])]
+    np.savez(tmp_path / "sweep.npz", u=stored["u"], x=held)
+    (fault,) = [fault for fault in faults(path) if "is repeated" in fault.what]
+    line = re.findall(r"`(delay = .*?)`", fault.remedy)[0]
+    path.write_text(with_line(path.read_text(), line))
+    assert faults(path) == []
 
 
 def test_a_sweep_that_would_begin_in_motion_is_left_out(tmp_path):
