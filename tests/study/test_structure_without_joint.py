@@ -74,8 +74,8 @@ def test_what_is_not_there_costs_two_programs_and_one_question(answered):
     with_joint = {key: count for key, count in lots.items() if key[1]}
     # Its residual and its likelihood, and neither at finer steps of the solver.
     assert sorted(what for what, *_ in with_joint) == ["log_likelihood", "stacked"]
-    # The likelihood: 256 points of the box for the choice of a law, 32 a lot. The fit starts from the
-    # parameters of that choice.
+    # The likelihood: 256 points of the box for the choice of a law, 32 a lot. The fit starts from
+    # the parameters of that choice.
     assert sum(n for (what, *_), n in with_joint.items() if what == "log_likelihood") == 8
     # Of a structure without a joint the steps are exact: none is halved.
     assert len({steps for _, laws, steps in lots if not laws}) == 1
