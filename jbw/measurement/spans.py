@@ -102,7 +102,7 @@ def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
     """
     role = next(role for role in (*RESPONSES, *record.channels) if role in record.channels)
     x = record.channels[role]
-    # Otherwise the unequal lengths of the channels would be reported, too.
+    # Channels of unequal lengths are reported elsewhere; here only the lengths of segments count.
     is_like = len(x) == len(spoilt)
     finite = np.isfinite(x)
     middle = x[finite].mean() if np.any(finite) else 0.0

@@ -146,7 +146,8 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
     weights = _evidence(fits.fits, count)
     chosen = max((name for name in NESTED if name in weights), key=weights.__getitem__)
     grid = _amplitudes(fits, max(weights, key=weights.__getitem__))
-    rows = _mean([_rows(fits, name, grid) for name in weights], list(weights.values()))
+    by_fit = {name: _rows(fits, name, grid) for name in weights}
+    rows, linear = _mean([*by_fit.values()], [*weights.values()]), by_fit["linear"]
     floor_hz, floor_zeta = _floors(fits, best, rows)
     if chosen != "linear":
         own_hz, own_zeta = _second_order(fits, rows)
@@ -155,7 +156,6 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
     zeta_covariance = rows.zeta_covariance + np.diag(floor_zeta**2)
     hz_change = _change(rows.hz, rows.hz_covariance, floor_hz[0], 1 / rows.hz[0])
     zeta_change = _change(rows.zeta, rows.zeta_covariance, floor_zeta[0])
-    linear = _rows(fits, "linear", grid[:1])
     linear_zeta = MeasuredChange(
         float(linear.zeta[0]), float(np.sqrt(linear.zeta_covariance[0, 0]))
     )
