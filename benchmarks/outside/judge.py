@@ -40,7 +40,7 @@ from .doors import CUT, Finding, Row, Said, ask, draft, paste, quick
 from .faults import FAULTS, mishandled
 from .files import TIMES, truth_of_record, write_campaign
 from .outcomes import NEUTRAL, tables
-from .records import ANY, KINDS, Choice, Drawn, sound, specimen
+from .records import ANY, KINDS, Choice, sound, specimen
 
 # smallest errors that jbw's documentation states, relative to zeta: of frequency, and of damping
 FLOOR = {"decay": (0.003, 0.003), "sweep": (0.01, 0.003)}
