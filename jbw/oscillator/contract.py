@@ -91,7 +91,7 @@ def broken(kind: type[Law]) -> str | None:
             for method, found, what, right, least in checks(law, joint):
                 if not _agree(found, right, least):
                     return messages.law_disagrees(method, *_worst(found, what, right))
-    # Every error is reported, because a user of the law would meet the same one.
+    # Every error is reported, because a user of the law would meet it too.
     except Exception as error:
         return messages.law_fails(method, reason_of(error))
     return None
