@@ -137,9 +137,9 @@ class ControlledPoints(Observable):
             raise DataError(
                 "`residuals` = 'own' needs a test whose response is compared, but "
                 f"{family[0][0].name} compares the force.",
-                why="Where the force is compared, a residual term changes it through the law "
-                "of the joint.",
-                remedy="State `upper` or `both`, which all tests share.",
+                why="If the response is controlled, the force is compared, and a residual term "
+                "would change this force through the law of the joint.",
+                remedy="State `residuals` as 'upper' or 'both', whose terms all tests share.",
             )
         rows, values = zip(
             *(

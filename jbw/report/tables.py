@@ -1,4 +1,4 @@
-"""The tables of a run: what each column shows of the summary or of the tree."""
+"""The tables of a run, with the entry of the summary or of the tree that each column shows."""
 
 from collections.abc import Sequence
 from contextlib import suppress
