@@ -177,7 +177,7 @@ def test_a_key_or_a_table_that_stands_twice_is_named():
     first = GOOD.split("\n").index("[identify]") + 1
     again = refused(f"{GOOD}\n[identify]\nseed = 3\n")
     assert f"opens [identify] again, after line {first}." in again
-    assert f"Put its keys below line {first}" in again
+    assert f"to the keys below line {first}" in again
 
 
 @pytest.mark.parametrize("factors", ['{ input = "2" }\nscale.input = "3"',
