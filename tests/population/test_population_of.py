@@ -306,7 +306,7 @@ def test_what_cannot_be_pooled_is_named(tmp_path, plain, without_nuts):
     fleet, pooled = plain
     with pytest.raises(ConfigError, match="has no softenin"):
         jbw.population_of(fleet, parameters=["softenin"])
-    with pytest.raises(ConfigError, match="No pooled quantity has the name omega"):
+    with pytest.raises(ConfigError, match="omega cannot saturate"):
         jbw.population_of(fleet, saturating=["omega"])
     with pytest.raises(ConfigError, match="above zero"):
         new_units(pooled, fleet, -1.0)

@@ -33,7 +33,7 @@ def no_bounds(names: Sequence[str]) -> str:
 
 # what a method of an externally defined law must be, for the sentence of `law_disagrees`
 A_SCALAR = "a scalar, which is an array without axes"
-FINITE = "a finite number"
+FINITE = "finite"
 SMOOTH_AT_REST = "differentiable at rest, with finite slopes"
 PROPORTIONAL = "proportional to the velocity"
 INTEGRAL_OF_RATE = "the integral of `rate`, with the same force [N/kg] after a move"

@@ -231,8 +231,8 @@ MESSAGES = (
             f"for other records like these it is +-{percent(beyond)}."
         ),
         """
-        Check: if a campaign has three free decays or more and no other test, jbw fits every
-        record separately. The products and zeta of the records must agree within their errors, at
+        Check: if a campaign has three free decays or more and no other test, every record is
+        fitted separately. The products and zeta of the records must agree within their errors, at
         a probability of 1 %, or vary so little that no interval widens by a fifth.
 
         A law with a small error needs other parameters at other amplitudes. The posterior of all
@@ -360,11 +360,11 @@ MESSAGES = (
         and does not change the frequency. A law of hysteresis that is fitted to quadratic damping
         imitates it, with meaningless parameters and a wrong phase.
 
-        If the frequency falls by less than half of the damping ratio that the joint adds, jbw fits
-        quadratic damping in place of the laws to the same data. Quadratic damping has fewer
-        parameters, so chi-square grows. Hysteresis is detected only if the growth exceeds the
-        limit that chance exceeds with a probability of 1 %, however narrow the intervals of the
-        laws' parameters are.
+        If the frequency falls by less than half of the damping ratio that the joint adds,
+        quadratic damping is fitted to the same data in place of the laws. Quadratic damping has
+        fewer parameters, so chi-square usually grows. Hysteresis is detected only if the growth
+        exceeds the limit that chance exceeds with a probability of 1 %, however narrow the
+        intervals of the laws' parameters are.
 
         Remedy: put `laws = ["quadratic_damping"]` under `[joint]`, and compare: jbw laws.
         """,
