@@ -76,7 +76,8 @@ MESSAGES = (
         Remedy: sweep another mode that moves the joint, or let it share the law of another joint
         by `same_as`.
         """,
-        remedy="Sweep another mode that moves the joint, or tie it to another joint by `same_as`.",
+        remedy="Sweep another mode that moves the joint, or tie the joint to another joint by "
+        "`same_as`.",
         passed="Every joint is identified separately.",
     ),
     Message(
