@@ -69,7 +69,7 @@ def steady_line(hz: str, share: float) -> FaultText:
     """Return the message on a spectral line [Hz] that does not decay, and its relative size."""
     return FaultText(
         f"A spectral line at {hz} Hz does not decay; its amplitude is {share:.2g} of the "
-        "largest response.",
+        "largest response in the band.",
         "Late in the decay a fit takes this line for the mode, and then finds a wrong "
         "frequency and damping.",
         f"Put under [[test]]: `lines_hz = [{hz}]`, which removes the line, or remove its source "
