@@ -13,12 +13,23 @@ import jbw
 
 ROOT = Path(jbw.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
-ANYWHERE = {"errors", "memory", "parts", "quantities", "results", "sources", "units", "messages"}
+ANYWHERE = {
+    "cache",
+    "errors",
+    "memory",
+    "parts",
+    "quantities",
+    "results",
+    "sources",
+    "units",
+    "messages",
+}
 LEAVES = {"oscillator", "measurement", "inference"}
 MODEL = LEAVES | {"campaign", "observables"}
 # Every room, to the rooms that it may see beside itself and those that may be seen from anywhere.
 # Lowest first: no room sees one that stands below it in this table.
 SEES = {
+    "cache": set(),
     "errors": set(),
     "memory": set(),
     "sources": set(),

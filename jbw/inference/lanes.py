@@ -13,6 +13,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
+from jbw.inference.kept_programs import kept_program
+
 LANES = 32  # number of parameter points in one compiled batch
 # number of points in a batch of a fit: enough for two-sided differences of seven parameters
 FIT_LANES = 16
@@ -100,12 +102,12 @@ def at_points(
     return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *lot_values)
 
 
-@eqx.filter_jit
+@kept_program
 def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree) -> PyTree:
     return jax.vmap(lambda point: function(point, data))(dict(theta))
 
 
-@eqx.filter_jit
+@kept_program
 def _rest(
     function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
 ) -> PyTree:

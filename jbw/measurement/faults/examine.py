@@ -2,18 +2,14 @@
 
 import hashlib
 import json
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
-from functools import cache
-from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Any
 
 import numpy as np
-import platformdirs
 
+from jbw.cache import cached, keep
 from jbw.errors import DataError, JbwError
 from jbw.measurement.faults.begins_late import begins_late
 from jbw.measurement.faults.drop_off import RANDOM, drive_course
@@ -30,7 +26,7 @@ from jbw.sources import sources_of
 
 Band = tuple[float, float]
 UNREADABLE = (ArithmeticError, IndexError, JbwError, ValueError, np.linalg.LinAlgError)
-KEPT_DAYS = 30  # number of days after which an unused result is removed from the cache
+FOLDER = "readings"  # folder of the user's cache
 # Packages that determine the result: a change of their source invalidates the cache.
 SOURCES = ("jbw.measurement.readings", "jbw.measurement.faults", "jbw.report.messages")
 
@@ -145,43 +141,22 @@ def _kept(key: str, band: Band, make: Callable[[], Examined]) -> Examined:
     The result is empty if the numerics fail on an unusual record.
     """
     if key not in _read:
-        path = platformdirs.user_cache_path("jbw") / "readings" / f"{key}.json"
-        if (kept := _opened(path)) is None:
+        if (kept := _opened(cached(FOLDER, f"{key}.json"))) is None:
             kept = Examined(None, (), band)
             # Searches may diverge.
             with suppress(*UNREADABLE), np.errstate(all="ignore"):
                 kept = make()
-            _write(path, kept)
+            content = json.dumps(asdict(kept), default=np.ndarray.tolist)
+            keep(FOLDER, f"{key}.json", content.encode())
         _read[key] = kept
     return _read[key]
 
 
-def _opened(path: Path) -> Examined | None:
+def _opened(content: bytes | None) -> Examined | None:
     try:
-        return _from_json(json.loads(path.read_text()))
-    except (OSError, ValueError, TypeError, KeyError):
+        return None if content is None else _from_json(json.loads(content))
+    except (ValueError, TypeError, KeyError):
         return None
-
-
-def _write(path: Path, examined: Examined) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        _forget(path.parent)
-        with NamedTemporaryFile("w", dir=path.parent, suffix=".part", delete=False) as file:
-            file.write(json.dumps(asdict(examined), default=np.ndarray.tolist))
-        Path(file.name).replace(path)
-    except OSError:
-        return
-
-
-@cache
-def _forget(folder: Path) -> None:
-    """Remove stored examinations that no command used for a month; do so once per process."""
-    oldest = time.time() - KEPT_DAYS * 86400
-    for path in folder.iterdir():
-        with suppress(OSError):  # Another process may have removed the file.
-            if path.stat().st_mtime < oldest:
-                path.unlink()
 
 
 def _from_json(kept: Mapping[str, Any]) -> Examined:

@@ -44,7 +44,7 @@ class UndecayingLine(Hypothesis):
             return False
         if isinstance(fits, SweepFits):
             return remainder(fits).line > STANDS_OUT
-        return self.share(values, fits) > LEAST
+        return self.share(values) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
         """Return the text on a steady line: its frequency and size."""
@@ -55,17 +55,15 @@ class UndecayingLine(Hypothesis):
         named = f"{hz:.{digits}g}"
         if isinstance(fits, SweepFits):
             return messages.line_in_sweep(named)
-        return messages.steady_line(named, self.share(values, fits))
+        return messages.steady_line(named, self.share(values))
 
     def spoils(self, values: Reals, fits: Fits) -> bool:
         """Return whether the line exceeds 1 % of a decay."""
-        return isinstance(fits, DecayFits) and self.share(values, fits) > SPOILS
+        return isinstance(fits, DecayFits) and self.share(values) > SPOILS
 
-    def share(self, values: Reals, fits: DecayFits) -> float:
-        """Return the line's amplitude before filtering, relative to the initial amplitude."""
-        mode = float(fits.fits["linear"].theta[3]) * fits.scale
-        passed = fits.signal.passed(mode) / fits.signal.passed(self.turn(values, fits))
-        return float(np.hypot(values[0], values[1])) * passed
+    def share(self, values: Reals) -> float:
+        """Return the line's amplitude in the band, relative to the initial amplitude."""
+        return float(np.hypot(values[0], values[1]))
 
     def turn(self, values: Reals, fits: Fits) -> float:
         """Return the line's angular frequency relative to the centre of the band [rad/s]."""

@@ -138,10 +138,6 @@ class DecaySignal:
         rate = -np.polyfit(self.time[:stop], np.log(size[:stop] + 1e-300), 1)[0]
         return max(float(rate), 1e-3 / self.time[-1]), turn
 
-    def passed(self, turn: float) -> float:
-        """Return the filter's gain for a steady line, at its frequency above the centre [rad/s]."""
-        return float(np.abs(np.exp(_log_response(self, np.array([1j * turn]))[0]))[0])
-
     def until(self, count: int) -> "DecaySignal":
         """Return the decay signal cut to its first `count` values."""
         return replace(self, z=self.z[:count], time=self.time[:count])

@@ -70,7 +70,7 @@ def steady_line(hz: str, share: float) -> FaultText:
     """Return the message on a spectral line [Hz] that does not decay, and its relative size."""
     return FaultText(
         f"A spectral line at {hz} Hz does not decay; its amplitude is {share:.2g} of the "
-        "largest response.",
+        "largest response in the band.",
         "Late in the decay a fit mistakes a line that does not decay for the mode, and finds a "
         "wrong frequency and damping.",
         f"Put under [[test]]: `lines_hz = [{hz}]`, which removes the line, or remove the source "

@@ -53,6 +53,12 @@ def unkept_code(folder: str, reason: str) -> str:
     )
 
 
+DAMAGED_PROGRAM = (
+    "A stored program in jbw's cache folder is damaged. It is compiled again, and the results are "
+    "the same."
+)
+
+
 def design(step: int) -> str:
     """Return the progress message for reading what a step of Teloli et al. needs."""
     return f"Reading the design of Step {step} from the campaign"

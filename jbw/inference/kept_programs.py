@@ -1,0 +1,156 @@
+"""Compiled functions whose lowered programs are kept in the user's cache between processes.
+
+JAX keeps compiled code, but it traces and lowers a function again in each process to find that
+code. A kept program is found without tracing. Its key contains the source files of jbw, the
+versions of JAX, the function, and every value that is not an array, so another body or another
+value is another program. Programs are stored as serialised StableHLO; nothing is unpickled.
+"""
+
+import hashlib
+import sys
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from functools import partial, wraps
+from importlib.metadata import version
+from threading import Lock
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.export
+from jax.core import Tracer
+
+from jbw.cache import cached, keep
+from jbw.report.messages import stages
+from jbw.sources import sources_of
+
+FOLDER = "programs"
+DIGEST_BYTES = 32  # a kept program begins with the SHA-256 hash of the rest
+
+
+class _UnnamedError(Exception):
+    """A value has no text that an equal value would have in another process."""
+
+
+class _Kept:
+    """Whether this process reads and writes kept programs."""
+
+    on = False
+
+
+def keep_programs() -> None:
+    """Read and write kept programs from now on in this process."""
+    _Kept.on = True
+
+
+def kept_program[**P, R](function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function as `equinox.filter_jit` does; use its kept program if there is one.
+
+    Programs are kept in processes that called `keep_programs`. A function with an argument that
+    another process cannot identify, such as a closure, is traced in each process.
+    """
+    compiled = eqx.filter_jit(function)
+    programs: dict[Any, Callable[..., R] | None] = {}
+    lock = Lock()
+
+    @wraps(function)
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        if not _Kept.on:
+            return compiled(*args, **kwargs)
+        leaves, tree = jax.tree.flatten((args, kwargs))
+        arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
+        if any(isinstance(leaf, Tracer) for leaf in arrays):
+            return compiled(*args, **kwargs)
+        fixed = tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf))
+        key = tree, fixed, tuple(map(_form, arrays))
+        if key not in programs:
+            with lock:
+                if key not in programs:
+                    programs[key] = _program(function, (args, kwargs), arrays)
+        program = programs[key]
+        return compiled(*args, **kwargs) if program is None else program(*arrays)
+
+    return call
+
+
+def _program[R](
+    function: Callable[..., R], arguments: Any, arrays: Sequence[Any]
+) -> Callable[..., R] | None:
+    """Return the program of a function of the arrays alone; None if it cannot be kept."""
+    try:
+        named = f"{function.__module__}.{function.__qualname__}", arguments, _versions()
+        name = hashlib.sha256(_text(named).encode()).hexdigest()
+    except _UnnamedError:
+        return None
+    program = _opened(cached(FOLDER, name))
+    if program is None:
+        leaves, tree = jax.tree.flatten(arguments)
+        places = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf)]
+
+        def of_arrays(*values: Any) -> R:
+            for i, value in zip(places, values, strict=True):
+                leaves[i] = value
+            args, kwargs = jax.tree.unflatten(tree, leaves)
+            return function(*args, **kwargs)
+
+        try:
+            program = jax.export.export(jax.jit(of_arrays))(*arrays)
+            content = bytes(program.serialize())
+        except Exception:  # Callbacks and some other operations cannot be serialised.
+            return None
+        keep(FOLDER, name, hashlib.sha256(content).digest() + content)
+    return jax.jit(program.call)
+
+
+def _opened(content: bytes | None) -> jax.export.Exported | None:
+    if content is None:
+        return None
+    digest, program = content[:DIGEST_BYTES], content[DIGEST_BYTES:]
+    if hashlib.sha256(program).digest() != digest:
+        warnings.warn(stages.DAMAGED_PROGRAM, stacklevel=2)
+        return None
+    return jax.export.deserialize(bytearray(program))
+
+
+def _versions() -> tuple[str, ...]:
+    packages = "jax", "jaxlib", "equinox", "diffrax", "optimistix", "numpyro"
+    state = jax.default_backend(), str(jax.config.jax_enable_x64)
+    return (sources_of("jbw"), *map(version, packages), *state)
+
+
+def _form(array: Any) -> tuple[Any, ...]:
+    return array.shape, str(array.dtype), getattr(array, "weak_type", False)
+
+
+def _text(value: Any) -> str:
+    """Return a text that is equal for equal values, in any process, and for no others."""
+    if eqx.is_array(value):
+        return repr(_form(value))
+    if value is None or isinstance(value, bool | int | float | complex | str | bytes):
+        return f"{type(value).__name__}:{value!r}"
+    if isinstance(value, Mapping):
+        items = [f"{_text(key)}={_text(value[key])}" for key in value]
+        return f"{type(value).__name__}{{{','.join(items)}}}"
+    if isinstance(value, tuple | list):
+        return f"{_text(type(value))}[{','.join(map(_text, value))}]"
+    if isinstance(value, partial):
+        return f"partial({_text((value.func, value.args, value.keywords))})"
+    if hasattr(value, "__qualname__") and _is_named(value):
+        return f"{value.__module__}.{value.__qualname__}"
+    if is_dataclass(value) and _is_named(type(value)):
+        parts = [
+            f"{field.name}={_text(getattr(value, field.name, None))}" for field in fields(value)
+        ]
+        return f"{_text(type(value))}({','.join(parts)})"
+    raise _UnnamedError(repr(value)[:200])
+
+
+def _is_named(value: Any) -> bool:
+    """Return whether a function or class of jbw or Python is found under its own name."""
+    if value.__module__.split(".")[0] not in ("jbw", "builtins"):
+        return False
+    found: Any = sys.modules.get(value.__module__)
+    for part in value.__qualname__.split("."):
+        found = getattr(found, part, None)
+    return found is value
