@@ -124,7 +124,7 @@ WRITE = re.compile(r"Write line (\d+) as `([^`]+)`")
         ('"sweep_*.h5"', r"C:\data\x.csv", "line 7 has a word without quotes"),
         ("level = 0.2", "level = 0,2", "line 8 has a decimal comma"),
         ("[5.0, 40.0]", "[5,05, 40,0]", "line 11 has a decimal comma"),
-        ("level = 0.2", "level = .2", "line 8 has a number that begins or ends with its decimal"),
+        ("level = 0.2", "level = .2", "line 8 has a number without a digit before or after"),
         ('kind = "sweep"', "kind = sweep  # up", "line 6 has a word without quotes"),
         ('"mm/s"', "mm/s", "line 10 has a word without quotes"),
         ("level = 0.2", "level = 0.2\nremove_mean = True", "line 9 has a word without quotes"),

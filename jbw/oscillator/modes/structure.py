@@ -158,7 +158,7 @@ def admitted(structure: Structure) -> Structure:
     elif any(isinstance(law, tuple) for law in structure.laws):
         raise ConfigError(
             "Field `laws` of a `Structure` must contain laws if `h` has one number per mode, "
-            "but contains tuples of them.",
+            "but contains tuples of laws.",
             remedy="Give `h` a row for every joint, or give only the laws of the single joint.",
         )
     c = jnp.atleast_1d(values["c"])

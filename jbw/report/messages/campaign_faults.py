@@ -41,9 +41,9 @@ SEE_TOML = (
     "The rules of a campaign file are at https://toml.io; strings need quotes, and each "
     "key may occur only once."
 )
-BACKSLASH = "has a backslash in double quotes, where it begins an escape such as \\n"
+BACKSLASH = "has a backslash in double quotes, where a backslash begins an escape such as \\n"
 DECIMAL_COMMA = "has a decimal comma, but a comma separates values"
-BARE_POINT = "has a number that begins or ends with its decimal point"
+BARE_POINT = "has a number without a digit before or after the decimal point"
 BARE_WORD = "has a word without quotes"
 NO_JOINTS = "[structure] matrices: need a [[joint]] table for every joint, but there is none."
 
@@ -321,7 +321,7 @@ def circle(key: str) -> str:
     """Return the message that joints refer to each other in a circle by `same_as`."""
     return (
         f"{key}: must lead to a joint with its own law, but the joints refer to each other in a "
-        "circle. Leave it out of one of these joints."
+        "circle. Leave this key out of one of these joints."
     )
 
 

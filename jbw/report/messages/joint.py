@@ -136,7 +136,7 @@ def indistinguishable(laws: Sequence[str], why: str) -> str:
     """Return the message that no motion can distinguish two laws."""
     return (
         f"The laws {' and '.join(f'`{name}`' for name in laws)} cannot be distinguished: "
-        f"{why}. Keep one of them."
+        f"{why}. Keep one of these laws."
     )
 
 

@@ -20,7 +20,7 @@ SPREAD = (
     "repeats are fitted."
 )
 NAMED = 6  # largest number of tests that a list names
-NO_GRADES = "This run does not state which parameters are identified."
+NO_GRADES = "The result of this run does not state which parameters are identified."
 NOTHING_TO_DO = "To do next: nothing; the result can be used."
 STATUS = {
     "ok": "The main posterior can be used.",

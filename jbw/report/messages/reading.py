@@ -136,7 +136,10 @@ def angle_of(role: str) -> str:
 
 def few_driven_lines(record: str, least: int) -> str:
     """Return the message on a record whose source drives too few spectral lines."""
-    return f"The source of {record} drives fewer than {least} spectral lines in its band."
+    return (
+        f"The source of {record} drives fewer than {least} spectral lines in its band: widen the "
+        "band, or record for longer."
+    )
 
 
 def rests(start: float, end: float, share: float, keep: str) -> str:
