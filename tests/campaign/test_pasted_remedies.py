@@ -433,7 +433,7 @@ def test_a_pasted_part_of_a_huge_channel_is_read(tmp_path, monkeypatch, rate):
 def test_decibels_without_a_reference_are_told_with_one():
     with pytest.raises(ConfigError) as refused:
         quantity_of("dB", ("acceleration",))
-    (unit,) = re.findall(r'as "([^"]+)"', refused.value.remedy)
+    (unit,) = re.findall(r'0 dB: "([^"]+)"', refused.value.remedy)
     assert decibels(unit) == (1.0, "m/s^2")
 
 

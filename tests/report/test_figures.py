@@ -111,7 +111,7 @@ def test_the_callers_axes_are_used_and_returned(tree):
     assert FIGURES["figure_5"](tree, ax=ax) is ax
     pair = figure.subplots(1, 2)
     assert list(FIGURES["ridge"](tree, ax=pair).flat) == list(pair)
-    with pytest.raises(ConfigError, match="must hold 6 axes"):
+    with pytest.raises(ConfigError, match="must contain 6 axes"):
         FIGURES["figure_4"](tree, ax=pair)
 
 
