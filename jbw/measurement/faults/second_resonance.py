@@ -15,7 +15,7 @@ Reference:
 """
 
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -91,7 +91,7 @@ def _fitted(omega: Reals, source: Complexes, y: Complexes, modes: int) -> _Ratio
     columns = np.concatenate(
         [own[:, None] * powers[:, 1:], -driven[:, None] * powers[:, 1:-1], -powers], axis=1
     )
-    weight, best = np.ones(len(omega)), None
+    weight, fits = np.ones(len(omega)), []
     for _ in range(ROUNDS):
         weighted, target = weight[:, None] * columns, -weight * own * s**order
         scale = np.linalg.norm(weighted, axis=0)
@@ -101,9 +101,8 @@ def _fitted(omega: Reals, source: Complexes, y: Complexes, modes: int) -> _Ratio
         below = s**order + powers[:, 1:] @ coefficients[:order]
         model = -(columns[:, order:] @ coefficients[order:]) / below
         square = float(np.mean(np.abs(own - model) ** 2))
-        if best is None or square < best.square:
-            roots = np.asarray(centre * np.roots([1.0, *coefficients[:order][::-1]]), complex)
-            best = _Rational(square, roots[roots.imag > 0], len(coefficients))
+        roots: Any = np.roots([1.0, *coefficients[:order][::-1]])
+        poles = centre * roots[roots.imag > 0]
+        fits.append(_Rational(square, poles, len(coefficients)))
         weight = 1 / np.abs(below)
-    assert best is not None
-    return best
+    return min(fits, key=lambda fit: fit.square)
