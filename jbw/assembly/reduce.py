@@ -348,15 +348,15 @@ def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
                 raise ConfigError(
                     f"Joints `{joints[i].name}` and `{joints[j].name}` must act at different "
                     "points, but their weights are the same up to a factor.",
-                    why="They have the same relative motion, so that no test distinguishes them.",
-                    remedy="Make one joint with two laws from them.",
+                    why="No test can separate two joints with the same relative motion.",
+                    remedy="Combine these joints into one joint with two laws.",
                 )
 
 
 def _immovable(joint: Joint, reason: str) -> ConfigError:
     return ConfigError(
         f"Joint `{joint.name}` must move, but {reason}.",
-        why="Its law would never act, and no test could determine its parameters.",
+        why="If a joint does not move, its law never acts, and no test can determine the law.",
         remedy="Give the degrees of freedom on both sides of the joint, not those that a "
         "constraint ties together, or raise `to_hz`.",
     )
@@ -375,7 +375,7 @@ def _require_participation(
     rigid = modes.omega == 0
     for joint, row in zip(joints, still, strict=True):
         if row.all():
-            raise _immovable(joint, "no mode up to `to_hz` moves it")
+            raise _immovable(joint, "no mode up to `to_hz` moves this joint")
         if not row[rigid].all():
             warnings.warn(
                 f"Joint `{joint.name}` is moved by a rigid-body mode. Is it a joint to ground, or "

@@ -241,8 +241,8 @@ def laws_by_joint(joints: Sequence[JointTable]) -> tuple[str, ...]:
         raise ConfigError(
             f"[[joint]] `{twice}` name: must differ from the names of other joints in letters "
             "or digits.",
-            why="In the names of its parameters, _ replaces all other characters.",
-            remedy="Rename one of them.",
+            why="In names of parameters, _ replaces all characters except letters and digits.",
+            remedy=f"Rename joint `{twice}`, or the joint with nearly the same name.",
         )
     return tuple(
         law_name(law, map(label, names)) for leader, names in shared for law in leader.laws

@@ -245,7 +245,7 @@ def _require_positive(**arguments: float) -> None:
             )
 
 
-# -- what it is ------------------------------------------------------------------------------------
+# -- verdict and origin of the export --------------------------------------------------------------
 def verdict_of(summary: RunSummary) -> Iterable[str]:
     """Yield one line: the run's verdict, with the main reason for it."""
     status = summary.verdict.status or "not assessed"

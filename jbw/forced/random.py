@@ -238,7 +238,7 @@ def _require_light(damping: Values) -> None:
         raise ModelError(
             f"The equivalent damping ratio must be at most {HEAVY:g} for averaging of the energy, "
             f"but is {np.median(damping):.3g}.",
-            why="The energy then changes within a cycle.",
+            why="With heavier damping, the energy changes within a cycle.",
             remedy="Simulate the motion by `jbw.simulate` with samples of the force.",
         )
 

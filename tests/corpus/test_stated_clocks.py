@@ -128,7 +128,7 @@ def test_a_rate_beyond_what_was_measured(tmp_path):
 def test_a_band_beyond_half_of_the_rate_is_refused():
     with pytest.raises(ConfigError, match="at least twice the end of band"):
         parse(TEST.format(unit="N", line="resample = 100.0\nband = [10.0, 60.0]"))
-    with pytest.raises(ConfigError, match="resample: for records in time"):
+    with pytest.raises(ConfigError, match="resample: applies only to records in time"):
         parse('[[test]]\nkind = "frf"\nfiles = "a.csv"\nresample = 9.0\n'
               'channels = { frequency = "f", velocity = "v", phase = "p" }\n'
               'units = { frequency = "Hz", velocity = "m/s/N", phase = "rad" }')  # fmt: skip
