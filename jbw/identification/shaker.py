@@ -51,8 +51,9 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     """
     if test.band_hz is None:
         raise DataError(
-            f"Test {test.name} must have a `band` for its shaker to be read, but it has none.",
-            remedy="Say with `band` where the modes lie.",
+            f"Test {test.name} must have a `band`, so that its shaker can be identified, but has "
+            "none.",
+            remedy=f"State in test {test.name} a `band` that contains the modes.",
         )
     periodic = steady(test)
     record = _after(test.records[0], test.settle) if periodic is None else periodic[0].records[0]

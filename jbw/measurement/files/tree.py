@@ -67,8 +67,8 @@ class Opaque:
     """An item of a file that is no array of numbers."""
 
     kind: str  # description, for messages
-    remedy: str = ""  # how to export it as numbers
-    text: str = ""  # its content if it is text, with one line per text
+    remedy: str = ""  # how to export the item as numbers
+    text: str = ""  # content of an item that is text, with one line per text
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Contents:
     """The content of an open file."""
 
     root: "Node"  # tree of the file
-    reader: str  # name of the reader that opened it
+    reader: str  # name of the reader that opened the file
     fs: float | None = None  # sampling frequency of the whole file [Hz], if stated
     # decisions of the reader, for the provenance
     notes: Mapping[str, str] = field(default_factory=dict)
