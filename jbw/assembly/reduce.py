@@ -288,7 +288,7 @@ def _damping(
         raise ConfigError(
             f"Damping ratios must be one number, or {num}, one for each mode up to `to_hz`, "
             f"but are {ratios.size}.",
-            remedy="Give one damping ratio, or one for every kept mode.",
+            remedy="Give one damping ratio, or one damping ratio for every kept mode.",
         )
     if not (np.isfinite(ratios) & (ratios >= 0)).all():
         raise ModelError(
@@ -326,7 +326,7 @@ def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
         twice = next(name for name in names if names.count(name) > 1)
         raise ConfigError(
             f"Every joint must have a unique name, but `{twice}` occurs twice.",
-            remedy="Rename one of them.",
+            remedy="Rename one of these joints.",
         )
     if not 0 < to_hz < float("inf"):
         raise ConfigError(

@@ -135,7 +135,7 @@ def _indefinite(lowest: float) -> ModelError:
         "Matrix K with fully stuck joints must be positive semidefinite, but its lowest "
         f"eigenvalue is {lowest:.4g} rad^2/s^2.",
         why="The structure would be unstable: a small motion would grow.",
-        remedy="Is it the matrix of a preloaded, buckled structure, or are the units of M and K "
+        remedy="Is K the matrix of a preloaded, buckled structure, or are the units of M and K "
         "different?",
     )
 
@@ -152,7 +152,8 @@ def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit
         raise ModelError(
             f"{count} modes must lie below {np.sqrt(between) / (2 * np.pi):.4g} Hz, but {below} "
             "were found.",
-            remedy="Change `to_hz` by a few per cent, so that it is not within a cluster of modes.",
+            remedy="Change `to_hz` by a few per cent, so that `to_hz` is not within a cluster of "
+            "modes.",
         )
 
 

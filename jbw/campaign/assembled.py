@@ -150,7 +150,8 @@ class JointTable(FileTable):
         ]
         if len(stated_keys) > 1:
             raise ValueError(
-                f"{stated_keys[1]}: states the same as `{stated_keys[0]}`; leave out either."
+                f"{stated_keys[1]}: states the same as `{stated_keys[0]}`; leave out one of the "
+                "two."
             )
         return self
 

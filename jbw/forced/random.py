@@ -220,7 +220,7 @@ def _require_power(density: Values, omega_n: Values) -> None:
             "The profile must have power at the natural frequency, but has none at "
             f"{float(np.median(omega_n)) / (2.0 * np.pi):.4g} Hz.",
             why="Only the motion of the mode is predicted.",
-            remedy="Widen the profile, or predict a joint whose mode it drives.",
+            remedy="Widen the profile, or predict a joint whose mode the profile drives.",
         )
 
 

@@ -149,7 +149,8 @@ def _require_sources(tests: Sequence[Test]) -> None:
     drives = sorted({drive_of(test) for test in tests})
     if len(drives) > 1:
         raise ConfigError(
-            f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
+            "[structure] needs tests of one drive, but the tests are driven by "
+            f"{' and '.join(drives)}.",
             why="A shaker that moves with the structure changes every mode.",
             remedy="Leave the tests of one drive out of the campaign file.",
         )

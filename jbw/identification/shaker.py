@@ -68,8 +68,10 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     if np.any(squares <= 0):
         raise DataError(
             f"Test {test.name} must show a drive point that moves with the force, but at "
-            f"{fit.omega[np.argmin(squares)] / (2 * np.pi):.4g} Hz it moves against it.",
-            remedy="Check the polarity of `force` and `drive_point`, and their places.",
+            f"{fit.omega[np.argmin(squares)] / (2 * np.pi):.4g} Hz the drive point moves against "
+            "the force.",
+            remedy="Check the polarity and the positions of the sensors of `force` and "
+            "`drive_point`.",
         )
     added = Attachment(shaker.mass, shaker.damping, shaker.stiffness)
     omega, zeta = attached(fit.omega, fit.zeta, np.sqrt(squares), added)

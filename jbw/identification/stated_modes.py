@@ -52,7 +52,8 @@ def modes_of(
     drives = sorted({"force" if drive_of(t) in BARE else drive_of(t) for t in tests})
     if len(drives) > 1:
         raise ConfigError(
-            f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
+            "[structure] needs tests of one drive, but the tests are driven by "
+            f"{' and '.join(drives)}.",
             why="A shaker that moves with the structure changes every mode.",
             remedy="Leave the tests of one drive out of the campaign file.",
         )
@@ -128,7 +129,7 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
                 f"[identify.prior] `{name}` must end below `{other}`, which begins at {low:.5g} "
                 f"rad/s, but ends at {high:.5g}.",
                 why="The modes would change places.",
-                remedy="Narrow these bounds, or leave them out.",
+                remedy="Narrow these bounds, or leave these bounds out.",
             )
 
 
@@ -160,7 +161,8 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
         if modes.driving_point and ratio is not None and ratio < 0:
             raise DataError(
                 f"[structure] driving_point: the mode at {hz:g} Hz must have a gain of the first "
-                f"mode's sign, but its gain is {ratio:.2g} times that.",
+                f"mode's sign, but this gain is {ratio:.2g} times that of the "
+                "first mode.",
                 why="At the drive point the gain of every mode is the square of its shape.",
                 remedy="Leave `driving_point` out, or reverse the sign of the response channel.",
             )

@@ -54,7 +54,7 @@ def same_length(**channels: Reals) -> None:
         if y.shape != x.shape:
             raise DataError(
                 f"Channels `{name}` and `{other}` must have one shape, "
-                f"but theirs are {x.shape} and {y.shape}.",
+                f"but their shapes are {x.shape} and {y.shape}.",
                 why="Samples are paired by their index; nothing is cut silently.",
                 remedy="Cut both channels to the samples that both contain.",
             )

@@ -244,7 +244,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
     mean = rows.mean(axis=0)
     power = float(np.mean(mean**2))
     if power == 0:
-        raise DataError("Channel `y` is constant.", why="It shows no response.")
+        raise DataError("Channel `y` is constant.", why="A constant channel shows no response.")
     slope, t = np.gradient(mean), np.linspace(-1.0, 1.0, length)
     basis = np.linalg.qr(np.column_stack([mean, slope, t * slope]))[0]
     deviations = rows - mean

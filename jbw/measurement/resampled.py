@@ -124,8 +124,8 @@ def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tu
     error = float(np.std(met - x[out]) / max(float(np.std(x[out])), 1e-300))
     if not error < LARGEST_ERROR:
         raise DataError(
-            f"A signal below {PASSED * rate / 2:.4g} Hz was fitted without some of the samples, "
-            f"and differs from these samples by {100 * error:.3g} % of their rms.",
+            f"Resampling fails: a signal below {PASSED * rate / 2:.4g} Hz, fitted without some of "
+            f"the samples, differs from these samples by {100 * error:.3g} % of their rms.",
             why=f"The samples are up to {1e3 * pause:.3g} ms apart, so faster parts of the signal "
             "cannot be recovered.",
             remedy=_without_pauses(time, begins),

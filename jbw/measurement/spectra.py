@@ -218,7 +218,7 @@ def _named_channels(
         stated = ", ".join(f"{rate:g}" for rate in sorted(rates)) or "none"
         raise DataError(
             f"Records that are averaged must have one sampling frequency, but have {stated} Hz.",
-            remedy="Estimate the FRF of each record, or resample them.",
+            remedy="Estimate the FRF of each record, or resample the records.",
         )
     # The drive point's channel is an acceleration by definition.
     motion = "acceleration" if response == "drive_point" else response
@@ -244,7 +244,8 @@ def _channel(record: Record, role: str) -> Reals:
     if role not in record.channels:
         raise ConfigError(
             f"Record {record.name or 'given'} has no channel {role!r}.",
-            remedy=f"{did_you_mean(role, record.channels)}It has: {', '.join(record.channels)}.",
+            remedy=f"{did_you_mean(role, record.channels)}The record has: "
+            f"{', '.join(record.channels)}.",
         )
     return record.channels[role]
 

@@ -206,7 +206,8 @@ def _course(
             f"{np.exp(size[strongest, 0] - weakest):.3g} times smaller, after {wait:.3g} s.",
             why=f"A decay of more than {MOST_WAIT:g} times the length of a record takes too "
             "long to simulate.",
-            remedy="Make a separate test of the weak records, or leave them out with `exclude`.",
+            remedy="Make a separate test of the weak records, or leave these records out with "
+            "`exclude`.",
         )
     # The mode's frequency need not lie in the middle of its band.
     turns = envelope[strongest, 1:edge] * np.conj(envelope[strongest, : edge - 1])

@@ -63,7 +63,7 @@ def test_noise_that_begins_and_ends_in_motion_is_faded():
 
 
 def test_what_cannot_be_read_is_named():
-    with pytest.raises(DataError, match="moves against it"):
+    with pytest.raises(DataError, match="moves against the force"):
         read_shaker(made_test(force=-channels()["force"]))
     test = made_test()
     one = channels()

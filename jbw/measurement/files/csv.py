@@ -217,7 +217,8 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
     if count < LEAST_LINES:
         shown = " | ".join(line[:60] for line in lines[:3])
         raise DataError(
-            f"File `{file}` does not read as two or more columns of numbers; it begins: {shown!r}.",
+            f"File `{file}` does not read as two or more columns of numbers; the file begins: "
+            f"{shown!r}.",
             why="A single column can be read only if its numbers contain a decimal point and no "
             "other mark.",
             remedy="Export columns with a tab or a semicolon between, and a decimal point.",

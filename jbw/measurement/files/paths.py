@@ -91,7 +91,7 @@ def _indices(rest: str) -> tuple[list[int | None], str]:
         raise DataError(
             f"has indices `{rest}` that cannot be read.",
             remedy="Write [3] for an item, counted from zero, or (4), counted from one as in "
-            "MATLAB; [:] is all of them.",
+            "MATLAB; [:] selects all items.",
         )
     first = 0 if rest[0] == "[" else 1
     numbers = [None if text == ":" else int(text) for text in re.findall(r":|-?\d+", inside)]

@@ -89,8 +89,8 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
             raise DataError(
                 f"sampling frequencies must agree, but {source} is {fs:.7g} Hz "
                 f"and {other} is {value:.7g} Hz.",
-                remedy="Name channels of one rate, or put under [[test]] the rate to resample them "
-                f"to: `resample = {min(rates.values()):.9g}`.",
+                remedy="Name channels of one rate, or put under [[test]] a rate to which all "
+                f"channels are resampled: `resample = {min(rates.values()):.9g}`.",
             )
     if "time" not in sources:
         _agree_with_unused_time(contents, sources, request, fs)
@@ -114,7 +114,7 @@ def on_even_grid(
             lost = int(np.flatnonzero(~np.isfinite(row))[0])
             raise DataError(
                 f"samples that are resampled must be finite, but sample {lost} is not.",
-                remedy="Export the record again, or leave it out with `exclude`.",
+                remedy="Export the record again, or leave the record out with `exclude`.",
             )
         if time is None:
             y, how = at_rate(row, channel_fs, fs)
@@ -294,6 +294,6 @@ def rows_of(
         raise DataError(
             f"channel `{where}` is complex.",
             why="A time record is real; only the response of a measured FRF may be complex.",
-            remedy="Name the real channel, or its `frequency` when it is a measured FRF.",
+            remedy="Name the real channel or, for a measured FRF, also the channel `frequency`.",
         )
     return list(np.atleast_2d(loaded))

@@ -175,5 +175,5 @@ def optional(package: str, extra: str, path: Path) -> Any:
     except ImportError:
         raise DataError(
             f"File `{path.name}` needs the package {package} to be read.",
-            remedy=f"Install it: pip install jbw[{extra}]",
+            remedy=f"Install the package: pip install jbw[{extra}]",
         ) from None
