@@ -95,7 +95,7 @@ def repeats(value: Any) -> int | str:
         return whole(1)(value)
     except ValueError:
         raise ValueError(
-            f'must be a whole number from 1 on, or "{ALL}", but is {value!r}.'
+            f'must be a whole number of at least 1, or "{ALL}", but is {value!r}.'
         ) from None
 
 

@@ -93,7 +93,7 @@ def test_good_file():
             "amplitudes: for kind `frf`, `backbone`, `curve` only",
         ),
         ("level = 0.2", 'gaps = "mask"', "gaps: kind `sweep` needs every sample"),
-        ("level = 0.2", "periods = 0", "periods: must be a whole number from 1 on"),
+        ("level = 0.2", "periods = 0", "periods: must be a whole number of at least 1"),
         ('"sweep_*.h5"', '{ input = "a.mat" }', "must name a file for each role (input, velocity)"),
         ('"sweep_*.h5"', '{ inptu = "a.mat" }', "did you mean `input`"),
         ('name = "beam"', 'name = "beam"\nname = "b"', "not valid TOML"),
@@ -243,9 +243,9 @@ JOINT = "[joint]\nlaws = {laws}\n[[test]]"
         ('["bouc_wen", "bouc_wen"]', "[joint] laws: "),
         (
             '["cubic"]',
-            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has it",
+            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has this parameter",
         ),
-        ("[]", "alpha: unknown parameter of the chosen laws; law `bouc_wen` has it"),
+        ("[]", "alpha: unknown parameter of the chosen laws; law `bouc_wen` has this parameter"),
         ('[""]', "[joint] laws: must be a string or a list of strings"),
         ("3", "[joint] laws: must be a string or a list of strings"),
     ],
@@ -260,7 +260,9 @@ def test_laws_of_a_campaign():
     both = changed("[[test]]", JOINT.format(laws='["cubic", "bouc_wen"]'))
     assert parse(both + "cubic = [0.0, 1e9]\n").laws == ("cubic", "bouc_wen")
     alone = changed("[[test]]", JOINT.format(laws='"bouc_wen"')) + "cubic = [0.0, 1e9]\n"
-    assert "cubic: unknown parameter of the chosen laws; law `cubic` has it" in refused(alone)
+    assert "cubic: unknown parameter of the chosen laws; law `cubic` has this parameter" in refused(
+        alone
+    )
     linear = changed("[[test]]", JOINT.format(laws="[]")).replace("alpha = [400.0, 600.0]", "")
     assert parse(linear).laws == ()
 
