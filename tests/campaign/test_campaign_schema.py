@@ -243,7 +243,7 @@ JOINT = "[joint]\nlaws = {laws}\n[[test]]"
         ('["bouc_wen", "bouc_wen"]', "[joint] laws: "),
         (
             '["cubic"]',
-            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has this parameter",
+            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has this",
         ),
         ("[]", "alpha: unknown parameter of the chosen laws; law `bouc_wen` has this parameter"),
         ('[""]', "[joint] laws: must be a string or a list of strings"),
@@ -260,9 +260,7 @@ def test_laws_of_a_campaign():
     both = changed("[[test]]", JOINT.format(laws='["cubic", "bouc_wen"]'))
     assert parse(both + "cubic = [0.0, 1e9]\n").laws == ("cubic", "bouc_wen")
     alone = changed("[[test]]", JOINT.format(laws='"bouc_wen"')) + "cubic = [0.0, 1e9]\n"
-    assert "cubic: unknown parameter of the chosen laws; law `cubic` has this parameter" in refused(
-        alone
-    )
+    assert "cubic: unknown parameter of the chosen laws; law `cubic` has this" in refused(alone)
     linear = changed("[[test]]", JOINT.format(laws="[]")).replace("alpha = [400.0, 600.0]", "")
     assert parse(linear).laws == ()
 

@@ -201,8 +201,8 @@ def test_channels_with_names_that_say_nothing_are_asked_for_once(tmp_path):
     assert told == ["`kanal8` is not one of the listed names. Did you mean `kanal9`?"]
     assert heard[0] == '"first.csv": which channel is the response: kanal7, kanal9? [none]: '
     assert heard[2:4] == [
-        '"first.csv": which quantity does kanal9 measure: acceleration or velocity or displacement? '
-        "[acceleration]: ",
+        '"first.csv": which quantity does kanal9 measure: acceleration or velocity or '
+        "displacement? [acceleration]: ",
         '"first.csv": which channel is the drive: kanal7? [none]: ',
     ]
     assert len(heard) == 5

@@ -111,7 +111,7 @@ def test_a_test_of_several_points_is_one_of_each():
         (
             'modes = [18.8, 57.2]\npoints = ["a", "a"]',
             "",
-            "points: must be at most 4 different names",
+            "points: must be at most 4 different",
         ),
     ],
 )
