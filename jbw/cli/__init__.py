@@ -164,7 +164,7 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
     following = next_command(arguments, str(error))
     if following and isinstance(error, RunError):
         # The disk is at fault and not the input, so the same command works once there is space.
-        following = f"after the change, run: jbw {shlex.join(arguments)}"
+        following = f"jbw {shlex.join(arguments)}, after the change"
     click.echo(f"Error: {error}", err=True)
     if following:
         click.echo(f"Next: {following}", err=True)

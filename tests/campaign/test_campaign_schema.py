@@ -243,7 +243,7 @@ JOINT = "[joint]\nlaws = {laws}\n[[test]]"
         ('["bouc_wen", "bouc_wen"]', "[joint] laws: "),
         (
             '["cubic"]',
-            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has this",
+            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has",
         ),
         ("[]", "alpha: unknown parameter of the chosen laws; law `bouc_wen` has this parameter"),
         ('[""]', "[joint] laws: must be a string or a list of strings"),

@@ -67,7 +67,7 @@ def test_what_cannot_be_meant_is_refused(stated, said):
 
 
 def test_kinds_that_know_one_mode_are_refused_by_name():
-    with pytest.raises(ConfigError, match=r"test `one` is of kind `noise`, .* leave it out"):
+    with pytest.raises(ConfigError, match=r"test `one` is of kind `noise`, .* leave the test out"):
         parsed("modes = [18.8, 57.2]", "noise")
     assert parsed("modes = [18.8]", "noise").structure is not None
     for kind in ("multisine", "decay"):

@@ -137,7 +137,7 @@ def test_a_band_beyond_half_of_the_rate_is_refused():
 def test_a_pasted_word_on_units_cures(tmp_path):
     text(tmp_path / "sweep_1.csv", "time [s],force [N],velocity [m/s]", *rows((T, FORCE, VELOCITY)))
     error = record_of(tmp_path, unit="kN")
-    assert "in `kN` by the campaign but in `N` by the file" in error.what
+    assert "the unit `kN` in the campaign but `N` in the file" in error.what
     cured = record_of(tmp_path, pasted(error), unit="kN")
     assert isinstance(cured, Record)
     np.testing.assert_allclose(cured.channels["force"], 1e3 * FORCE, rtol=1e-5)

@@ -153,7 +153,7 @@ def test_a_unit_that_contradicts_the_header_is_refused(tmp_path, role, unit):
     path = columns(tmp_path / "a.csv", "time [ms],force [kN],velocity [mm/s]", MS, FORCE, SPEED)
     roles = {"time": "time", "force": "force", "velocity": "velocity"}
     error = refused(path, roles, {role: unit})
-    assert f"role `{role}` is in `{unit}` by the campaign" in error.what
+    assert f"role `{role}` has the unit `{unit}` in the campaign" in error.what
 
 
 def test_an_unknown_unit_of_the_time_is_asked_for(tmp_path):

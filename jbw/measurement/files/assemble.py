@@ -331,7 +331,8 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
             line = toml_table({**request.sensitivity, role: example})
             remedy = messages.of_sensor(line, is_scaled=role in request.scale)
         raise DataError(
-            f"role `{role}` is in `{stated_unit}` by the campaign but in `{stated}` by the file.",
+            f"role `{role}` has the unit `{stated_unit}` in the campaign but `{stated}` in the "
+            "file.",
             remedy=remedy,
         )
     return stated_unit or stated, ""
