@@ -85,8 +85,9 @@ def _require_first_point(first: str, tests: Sequence[Test]) -> None:
     """Raise a ConfigError if no test is at the first point, which determines the gain."""
     if all(test.point for test in tests):
         raise ConfigError(
-            f"[structure] points: a test must be measured at the first point, `{first}`, but every "
-            f"test states another `point`, such as `{tests[0].point}`.",
+            "[structure] points: at least one test must leave `point` out, which means that it is "
+            f"measured at the first point, `{first}`, but all tests state `point`, for example "
+            f"`{tests[0].point}`.",
             remedy=f"Leave `point` out of tests at `{first}`, or name another point first.",
         )
 

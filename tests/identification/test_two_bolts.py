@@ -150,7 +150,7 @@ def test_other_kinds_of_tests_and_laws_are_refused(stuck):
     ):
         measured_in(replace(stuck, tests=(*stuck.tests, narrow)), quietly)
     slips = tuple(replace(test, point="tip") for test in stuck.tests)
-    with pytest.raises(ConfigError, match="must be measured at `tip`, the first one"):
+    with pytest.raises(ConfigError, match="measured at the first point, `tip`, but"):
         measured_in(replace(stuck, tests=slips), quietly)
     products = Identify.of({"coordinates": "products"})
     with pytest.raises(ConfigError, match="coordinates must be auto or paper"):
