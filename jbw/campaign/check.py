@@ -368,7 +368,8 @@ def findings(
         return [*stated, *doubtful(record, test, first)]
 
     doubts = [] if worst(facts) == "error" else doubtful(record, test, first)
-    # Only cuts of a record are tried, because what file and campaign state is certain.
+    # Contradictions between file and campaign are certain; of their remedies, only cuts of the
+    # record are tried.
     certain = [fault for fault in facts if not SPAN.search(fault.remedy)]
     uncertain = [
         replace(fault, remedy=in_whole_periods(fault.remedy, record, test.periods))

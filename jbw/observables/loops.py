@@ -62,7 +62,7 @@ class Loops(Observable):
             if len({len(loop.force) for loop in test_loops}) > 1:
                 raise DataError(
                     f"Repeats of test `{test.name}` must have equal lengths.",
-                    remedy="Cut them with `span`, or make a separate test of each.",
+                    remedy="Cut the repeats with `span`, or make a separate test of each repeat.",
                 )
         displacement = [
             np.mean([loop.displacement for loop in test_loops], axis=0)

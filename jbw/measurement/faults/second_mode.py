@@ -64,7 +64,7 @@ class SecondMode(Hypothesis):
             rate = fits.signal.rate
             second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
             passed = low < abs(values[0]) < high and rate.min() < second < rate.max()
-            # A mode as near as this would be the first mode itself, with a lag.
+            # A mode nearer than `NEAREST` would be the first mode itself, with a lag.
             return bool(passed and abs(float(values[1])) > NEAREST)
         # If the modes are closer than the sum of their damping rates, one decays before they beat.
         beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))

@@ -51,11 +51,9 @@ FADED = 2.4
 QUIETEST = 0.3  # amplitude relative to the noise at which a decay ends
 LOUD = 4.0  # multiple of the noise's amplitude that noise alone exceeds in one of 10^7 values
 FEWEST_KEPT = 24
-# Lines at which the filter's gain exceeds the first number determine the noise; the second number
-# is the fewest such lines.
-LEAST_FALL = 1e-3
-# Lines at which the filter's gain exceeds the first number determine the noise; the second is their
-# smallest number.
+LEAST_FALL = 1e-3  # smallest damping rate of a linear decay during the fit, in the unit of rates
+# Lines at which the filter's gain exceeds the first number determine the noise. The second number
+# is the smallest allowed count of these lines.
 HALF_GAIN, FEWEST_LINES = 0.5, 12
 SAFE = 1.15  # safety factor on noise that is estimated from few lines
 
@@ -334,7 +332,7 @@ class _Flow(NamedTuple):
         return rate
 
     def course(self) -> "_Course":
-        """Return the same decay as a function of time."""
+        """Convert this decay from a function of log amplitude to a function of time."""
         through, _ = _log_response(self.signal, self.slope)
         phase = _integral(self.turn / self.sigma, self.step)
         return _Course(
