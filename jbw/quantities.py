@@ -110,16 +110,16 @@ MODES = tuple(
     (
         Quantity(f"omega_{k}", f"ω{n}", "rad/s", f"natural frequency, mode {k}", 0.0, is_open=True),
         Quantity(f"zeta_{k}", f"ζ{n}", "1", f"viscous damping ratio, mode {k}", 0.0),
-        Quantity(f"gain_ratio_{k}", f"b{n}/b₁", "1", f"gain over the first mode's, mode {k}"),
+        Quantity(f"gain_ratio_{k}", f"b{n}/b₁", "1", f"gain of mode {k} / gain of mode 1"),
         Quantity(
-            f"shape_{k}", f"|h{n}|", "1", f"motion of the joint over the first mode's, mode {k}",
+            f"shape_{k}", f"|h{n}|", "1", f"motion of the joint in mode {k} / in mode 1",
             0.0, is_open=True,
         ),
         Quantity(
-            f"coupling_{k}", f"κ{n}", "1", f"effect of the joint over the first mode's, mode {k}",
+            f"coupling_{k}", f"κ{n}", "1", f"effect of the joint on mode {k} / on mode 1",
             0.0, is_open=True,
         ),
-        Quantity(f"sign_{k}", f"sgn h{n}", "1", f"sign of that motion, mode {k}"),
+        Quantity(f"sign_{k}", f"sgn h{n}", "1", f"sign of the joint's motion in mode {k}"),
     )
     for k, n in enumerate("₂₃₄₅", 2)
 )  # fmt: skip
@@ -127,7 +127,7 @@ MODES = tuple(
 POINTS = tuple(
     tuple(
         Quantity(
-            f"point_{k}_{i}", f"c{n}{m}", "1", f"response of mode {i} at point {k} over the first"
+            f"point_{k}_{i}", f"c{n}{m}", "1", f"response of mode {i} at point {k} / at point 1"
         )
         for i, m in enumerate("₁₂₃₄₅", 1)
     )
@@ -147,7 +147,7 @@ MOTION = (
 UNIT_OF = {quantity.name: quantity.unit for quantity in MOTION}
 LETTER_OF = {quantity.name: quantity.symbol for quantity in MOTION}
 
-# all other quantities to which results or the rig refer by these names
+# all other quantities, under the names that results and the rig use
 OTHERS = (
     Quantity("input", "u", "V", "voltage of the source"),
     Quantity("force", "F", "N", "force of the source"),

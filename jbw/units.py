@@ -86,7 +86,7 @@ _RAISED = str.maketrans("⁻⁺¹²³⁴", "-+1234")
 _SPELLING = str.maketrans(
     {"µ": "u", "μ": "u", "²": "^2", "°": "deg", "·": "*", "×": "*", "⋅": "*", "−": "-"}
 )
-# Words that recorders write, in lower case, and the symbol of the table.
+# Words that recorders write for units (in lower case), each with its symbol in the table of units.
 WORDS = {
     "newton": "N", "newtons": "N", "kilonewton": "kN", "kilonewtons": "kN", "lbs": "lbf",
     "pounds": "lbf", "kips": "kip", "kp": "kgf", "dan": "daN",
@@ -335,7 +335,7 @@ def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
     if written.lower() == "db":
         raise ConfigError(
             f"Unit `{unit}` of {named} needs the value that 0 dB stands for.",
-            remedy=f'State the unit with it, as "dB re 1 {si_unit(among[0])}".',
+            remedy=f'State the unit with the value of 0 dB: "dB re 1 {si_unit(among[0])}".',
         )
     if others:
         what = f"Unit `{unit}` measures a {others[0]}, but {named} is needed."

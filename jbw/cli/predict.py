@@ -234,9 +234,9 @@ def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
         Column("level", level_of),
         words("kind", "kind"),
         Column("inside the band", inside),
-        shares("its half width", "half_width", ""),
+        shares("half width", "half_width", ""),
         shares("error", "nrmse", ""),
-        shares("the same, own frequency", "nrmse_own_frequency", ""),
+        shares("error, own frequency", "nrmse_own_frequency", ""),
         Column("peak displacement [m]", _peak),
         Column("of fitted", _reach, align="left"),
     )

@@ -34,7 +34,7 @@ def common_form(tests: Sequence[Test]) -> Form:
         raise DataError(
             "Tests reduced together must share sampling frequency, response, length, samples "
             f"skipped, `residuals` and band, but found {sorted(forms)}.",
-            remedy="Reduce them separately, or cut the records to one length.",
+            remedy="Reduce the tests separately, or cut the records to the same length.",
         )
     return forms.pop()
 

@@ -44,7 +44,7 @@ def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
         raise DataError(
             "Key `band` must contain a spectral line of the records, which lie "
             f"{fs / length:.3g} Hz apart up to {fs / 2:g} Hz, but is {list(band_hz)}.",
-            remedy="Widen the band, or leave it out.",
+            remedy="Widen `band`, or leave `band` out.",
         )
     return lines
 

@@ -234,7 +234,7 @@ def _held(
     load: Complex[np.ndarray, " point"],
     motion: Inexact[np.ndarray, " point"],
 ) -> tuple[float, float, float]:
-    """Fit an oscillator to a held response; return its amplitude, frequency and damping."""
+    """Fit an oscillator to a controlled response; return its amplitude, frequency and damping."""
     read = oscillator_through(omega, load, motion)
     near = np.argmin(np.abs(omega - read["omega_n"]))
     return abs(motion[near]), read["omega_n"], read["zeta"]
@@ -247,9 +247,9 @@ def _own_columns(groups: Sequence[MeasuredHarmonic]) -> Float[np.ndarray, "group
         raise DataError(
             "`residuals` = 'own' needs a test whose response is compared, but the response of "
             f"{held} was controlled.",
-            why="Where the force is compared, a residual term changes it through the law of "
-            "the joint.",
-            remedy="State `upper` or `both`, which all tests share.",
+            why="If the response is controlled, the force is compared, and a residual term would "
+            "change this force through the law of the joint.",
+            remedy="State `residuals` as 'upper' or 'both', whose terms all tests share.",
         )
     first = [group.factor * group.load[:, group.order // 2] for group in groups]
     squared = [(group.order * group.omega) ** 2 for group in groups]

@@ -93,9 +93,10 @@ def _solve_jvp(substeps, primals, tangents):
     if any(jnp.ndim(x) for x in jax.tree.leaves(initial)):
         raise ModelError(
             "A law whose internal state is an array, such as `iwan5`, has no derivatives in time.",
-            why="The force of its elements drops at single times, which change with the "
-            "parameters.",
-            remedy="Take differences, or a law without drops such as `iwan4`.",
+            why="The force of the law's elements drops at isolated instants, which change with "
+            "the parameters.",
+            remedy="Compute derivatives by finite differences, or use a law whose force has no "
+            "drops, such as `iwan4`.",
         )
     trajectory = _states(substeps, 1, stepping, initial)
     stacks = any(law.depth for law in stepping.step.laws)
@@ -243,7 +244,8 @@ def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Ar
     kinked = meets_kink(step, before, push)
     laws: Laws = step.laws
     for law, a, b in zip(laws, before[2], after[2], strict=True):
-        # Because of rounding, `meets_kink` may see a motion just before a kink as just behind it.
+        # Because of rounding, `meets_kink` may place a motion just after a kink that it has not
+        # reached yet.
         if law.depth:
             kinked = kinked | law.turned_or_closed(a, b)
     return kinked

@@ -100,7 +100,7 @@ class _Lanes(NamedTuple):
 
 
 class _Span(NamedTuple):
-    """The step counts of a piece of a record, traced by JAX so that new counts compile nothing."""
+    """The step counts of a piece of a record, traced by JAX: new counts need no compilation."""
 
     fs: Any  # sampling rate [Hz]
     substeps: Any  # steps between two samples
@@ -322,7 +322,7 @@ def _marched(
     stepping = jax.vmap(constants)(joints, gain)
 
     def seen(state: State, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
-        """Return the response at a sample, and the sums, which include compared samples."""
+        """Return the sums, updated if the sample is compared, and the response at the sample."""
         row, counts = piece.measured[sample], ends & (sample >= first)
 
         def of_lane(joint, gain, parts, state, totals):

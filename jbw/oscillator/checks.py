@@ -71,7 +71,8 @@ def require_none(joint: Any, function: str) -> None:
         raise ModelError(
             f"Parameter `restoring` must be None for `{function}`, but it is a force of kind "
             f"{type(joint.restoring).__name__}.",
-            why="Its formula contains only the hysteretic force and a linear spring.",
+            why=f"The formula of `{function}` contains only the hysteretic force and a linear "
+            "spring.",
             remedy="Use `steady_state` or `simulate`, which are valid for every restoring force.",
         )
 
@@ -306,9 +307,10 @@ def require_concrete(function: str, *values: object) -> None:
     if is_concrete(*values, jnp.zeros(())):
         return
     raise ConfigError(
-        f"`{function}` cannot be traced, as by jit, grad or vmap.",
+        f"`{function}` cannot be traced by `jit`, `grad` or `vmap`.",
         why="The number of points depends on the values of the arguments.",
-        remedy="Call it outside, or use `frequency_response`, which has as many points as `omega`.",
+        remedy=f"Call `{function}` outside `jit`, `grad` and `vmap`, or use `frequency_response`, "
+        "which has as many points as `omega`.",
     )
 
 
@@ -333,7 +335,8 @@ def require_converged(
     text = ", ".join(f"{name} = {value:g}" for name, value in values.items())
     raise ModelError(
         f"The periodic response did not converge for {failed.sum()} of {failed.size} tones, the "
-        f"first at {text} ({int(np.asarray(turns)[first])} turning points a period).",
-        why="Several periodic responses may exist there, or none with so few turning points.",
+        f"first at {text} ({int(np.asarray(turns)[first])} turning points per period).",
+        why="At these tones several periodic responses may exist, or none with at most "
+        "`max_turns` turning points per period.",
         remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise `max_turns`.",
     )

@@ -86,12 +86,12 @@ def broken(kind: type[Law]) -> str | None:
         values = law.parameters()
         found, right = [float(values[name]) for name in theta], [*theta.values()]
         if not np.allclose(found, right):
-            return messages.law_disagrees("parameters", found, "those of `build`", right)
+            return messages.law_disagrees("parameters", found, messages.VALUES_OF_BUILD, right)
         for checks in (_of_force, _of_memory, _of_stiffness, _of_motion, _of_period):
             for method, found, what, right, least in checks(law, joint):
                 if not _agree(found, right, least):
                     return messages.law_disagrees(method, *_worst(found, what, right))
-    # Every error is reported, because a user of the law would meet the same one.
+    # Every error is reported, because a user of the law would meet it too.
     except Exception as error:
         return messages.law_fails(method, reason_of(error))
     return None
@@ -126,7 +126,7 @@ def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
     """Yield the checks that the force at rest is a finite number with finite slopes."""
     force = np.asarray(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
     yield "force", force.ndim, messages.A_SCALAR, 0, 0.0
-    yield "force", force, "finite, such as", np.nan_to_num(force, posinf=0.0, neginf=0.0), 0.0
+    yield "force", force, messages.FINITE, np.nan_to_num(force, posinf=0.0, neginf=0.0), 0.0
     rest = jax.tree.map(lambda x: jnp.asarray(x, float), (law.at_rest(), 0.0, 0.0))
     slopes = jax.grad(lambda law, memory, y, v: law.force(y, v, memory), (0, 1, 2, 3))(law, *rest)
     for slope in jax.tree.leaves(slopes):
@@ -147,7 +147,7 @@ def _of_memory(law: Law, joint: Oscillator) -> Iterator[Check]:
     if law.stepped:
         once, twice = (jax.tree.leaves(law.rate(0.2 * Y, v, start)) for v in (1.0, 2.0))
         for slow, fast in zip(once, twice, strict=True):
-            yield "rate", fast, "proportional to the velocity:", 2.0 * np.asarray(slow), 0.0
+            yield "rate", fast, messages.PROPORTIONAL, 2.0 * np.asarray(slow), 0.0
 
     @jax.jit
     def forces(law: Law) -> Any:

@@ -138,7 +138,8 @@ def band_noise(
         ConfigError: No line of the record lies in the band.
     """
 
-    def inside(xp: Any) -> Any:  # under JAX computed inside the program, not a constant
+    # If `xp` is jax.numpy, a compiled program computes this mask instead of storing it.
+    def inside(xp: Any) -> Any:
         frequencies = line_frequencies(num_samples, 1.0 / fs, xp)
         beside_ends = (frequencies > 0.0) & (frequencies < 0.5 * fs * (1.0 - 1e-12))
         return (frequencies >= band_hz[0]) & (frequencies <= band_hz[1]) & beside_ends

@@ -142,7 +142,7 @@ def bend_by_rates(
 def turn_by_slopes(
     law: Law, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
 ) -> tuple[Memory, Scalar, Scalar]:
-    """Return the internal state after a reversal, and how the force's kink corrects v and y."""
+    """Return the internal state after a reversal, and the changes of v and y due to the kink."""
     path = StepPath.through(ends, quartic)
     top = y + path.before
     memory_at_top = law.move(y, memory, path.before)

@@ -71,7 +71,7 @@ class Law(eqx.Module):
     depth: ClassVar[int] = 0
     same_as: ClassVar[str] = ""
 
-    # -- of the class of law -----------------------------------------------------------------------
+    # -- methods of the law class ------------------------------------------------------------------
     @classmethod
     def names(cls) -> tuple[str, ...]:
         """Return the names of the parameters of the law class."""
@@ -99,7 +99,8 @@ class Law(eqx.Module):
         """Return wide prior bounds of the parameters from scales of the motion, not from a fit."""
         raise ConfigError(
             f"The law `{cls.name}` must have a `prior` to be identified, but has none.",
-            remedy="Define `prior(scales)`, bounds of every parameter of its `table`.",
+            remedy="Define `prior(scales)`, which returns bounds of every parameter in the law's "
+            "`table`.",
         )
 
     @classmethod
@@ -107,7 +108,7 @@ class Law(eqx.Module):
         """Return a warning if the law may diverge within its prior bounds."""
         return None
 
-    # -- of one law --------------------------------------------------------------------------------
+    # -- methods of a law with given parameters ----------------------------------------------------
     def at_rest(self) -> Memory:
         """Return the law's memory (internal state) before any motion."""
         return ()
@@ -165,7 +166,7 @@ class Law(eqx.Module):
         return Loop(*generic.loop_by_moves(self, y_peak, omega))
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return, by parameter, a power of length to add to that in the parameter's unit.
+        """Return, for each parameter, a power of length to add to the power in its unit.
 
         Such powers belong to values stated at a fixed displacement: a stiffness loss at 1 mm that
         grows with the power q of the displacement scales with the power -q of the unit of length.
@@ -204,7 +205,7 @@ class Law(eqx.Module):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Return the internal state after a step that may reverse, and how kinks correct v and y.
+        """Return the internal state after a step that may reverse, and changes of v, y by kinks.
 
         Args:
             h: Length of the step [s].

@@ -83,7 +83,8 @@ def _double(kappa, c, f_12, f_22, w_y, w_v):
     moved_y = w_y + f_11[..., None] * w_y + f_12[..., None] * w_v
     moved_v = w_v + f_21[..., None] * w_y + f_22[..., None] * w_v
     w_y, w_v = halves * (moved_y + w_y @ shift), halves * (moved_v + w_v @ shift)
-    # E^2 - 1 = F^2 + 2 F, then (y, h v) -> (y, 2 h v); the moments carry h^2 -> 4 h^2.
+    # E^2 - 1 = F^2 + 2 F. For the doubled step, the state (y, h v) becomes (y, 2 h v), and moments
+    # in units of h^2 become moments in units of 4 h^2.
     doubled_12 = f_12 * (2.0 + f_11 + f_22)
     doubled_22 = f_21 * f_12 + f_22 * (2.0 + f_22)
     return doubled_12 / 2.0, doubled_22, w_y / 4.0, w_v / 2.0

@@ -249,7 +249,8 @@ def shooting(
     if is_concrete(orbit) and bool(jnp.isnan(orbit.initial).any()):
         raise ModelError(
             f"Shooting did not converge at omega = {omega}, amplitude = {amplitude}.",
-            remedy="Give an `initial` near the orbit, for example from a lower amplitude.",
+            remedy="Give an `initial` near the periodic orbit, for example the state that was "
+            "found at a lower amplitude.",
         )
     return orbit
 

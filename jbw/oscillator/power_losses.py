@@ -1,4 +1,4 @@
-"""Stiffness loss and damping of a loop that loses force by a power of displacement."""
+"""Stiffness loss and damping of a loop whose loss of force is a power of the displacement."""
 
 from collections.abc import Callable
 from typing import Any

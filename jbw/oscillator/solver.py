@@ -20,7 +20,7 @@ from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import ExactStep, Push, State, added, advance, exact_step
 
-# An adaptive solver fails if it needs more steps per sample, on average.
+# An adaptive solver fails if it needs more than this number of steps per sample, on average.
 _MAX_STEPS_PER_SAMPLE = 64
 
 
@@ -66,7 +66,7 @@ class Stepping(eqx.Module):
         return (*push, self.gain * added(powers)) if self._is_damped else push
 
     def pushed(self) -> "Pushed":
-        """Return the effect of the input in all substeps at once, as the derivatives need it."""
+        """Return the effect of the input in all substeps at once, as arrays for derivatives."""
         count = len(self.pieces)
         weights = [
             jnp.stack(self.on_y), jnp.stack(self.on_v), self.gain * np.eye(1, count)[0],
@@ -92,7 +92,7 @@ def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int)
 
 
 def weighted(weights: Iterable[Scalar], powers: Iterable[Any]) -> Any:
-    """Return the sum of weights times powers, term by term.
+    """Return the sum of the products of weights and powers, without a dot product.
 
     The time loop is one native call only if it contains no small dot products.
     """

@@ -143,7 +143,7 @@ def _advanced(
 
 
 def meets_kink(step: ExactStep, state: State, push: Push) -> Bool[Array, "..."]:
-    """Return whether a step turns or meets a kink of a law, so that the longer step is needed."""
+    """Return whether a step contains a reversal or a kink of a law, which need more computation."""
     branches, _, _, y_1, v_1 = _predicted(step, state, push)
     return glided(step.laws, state, branches, y_1, v_1)[1]
 
@@ -185,7 +185,7 @@ def _acceleration(step: ExactStep, y: Scalar, v: Scalar, r: Scalar, u: Scalar) -
 def _through_kinks(
     start: tuple[ExactStep, State, tuple[Any, ...], Scalar, Scalar, Scalar],
 ) -> End:
-    """Return the end of a step that may contain kinks, less the kinks' effect already predicted.
+    """Return the end of a step that may contain kinks, minus the kinks' effect predicted before.
 
     `start` contains the step, its state, branches and input u, and the predicted y and v.
     """

@@ -307,7 +307,7 @@ class _Drive(eqx.Module):
         return None if u_0 is None else u_0(step / self.rate)
 
     def direction(self, step: Array, v: Array) -> Array:
-        """Return the signal that selects the branch: velocity, or as printed the input's rate."""
+        """Return the signal that selects the branch: v, or the input's rate (printed variant)."""
         if self.switching.variant == "corrected":
             return v
         _, slope = jax.jvp(self.force, (step,), (jnp.ones_like(step),))

@@ -245,7 +245,7 @@ def map_estimate(
     if is_concrete(minimum.value) and minimum.result != optimistix.RESULTS.successful:
         raise ModelError(
             f"The search for the greatest density did not converge in {max_steps} steps.",
-            remedy="Start nearer to it, or raise `max_steps`.",
+            remedy="Give a `start` nearer to the maximum, or raise `max_steps`.",
         )
     return from_unit(jax.nn.sigmoid(minimum.value), bounds)
 

@@ -49,7 +49,7 @@ class Beliefs:
     names: tuple[str, ...]  # names of the inferred parameters
     # divisor that makes changes of each parameter relative
     scale: Float[np.ndarray, "joint parameter"]
-    # inverse of the covariance that the prior gives to these relative changes
+    # inverse of the prior covariance of changes that are divided by `scale`
     precision: Float[np.ndarray, "parameter parameter"]
     # prior bounds of the inferred parameters, which show whether tests determine a parameter
     box: Box
@@ -180,7 +180,7 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
     if missing:
         raise DataError(
             f"The main posterior must contain {', '.join(needed)}, but lacks {', '.join(missing)}.",
-            why="Without them no new test can be predicted.",
+            why=f"Without {', '.join(missing)} no new test can be predicted.",
             remedy="Plan from ranges: jbw plan PLAN.toml.",
         )
     if held.get("zeta") == 0.0:

@@ -63,7 +63,8 @@ def _part(bounds: Range) -> Range:
     """Return the range of a stiffness share; raise a ValueError unless it lies below one."""
     if bounds[1] >= 1:
         raise ValueError(
-            f"must lie between 0 and 1, a part of the stiffness, but reaches {bounds[1]:g}."
+            "must lie between 0 and 1 (share of the stiffness), but its upper end is "
+            f"{bounds[1]:g}."
         )
     return bounds
 
@@ -75,7 +76,7 @@ def _motion_unit(value: Any) -> str:
 
 def _fraction(value: Any) -> float:
     if not 0 < number(value) < 1:
-        raise ValueError(f"must lie between 0 and 1, 0.05 for 5 %, but is {value}.")
+        raise ValueError(f"must lie between 0 and 1 (0.05 for 5 %), but is {value}.")
     return float(value)
 
 
@@ -245,7 +246,7 @@ def _omega_n(plan: PlanTable) -> Range:
 
 
 def _force(plan: PlanTable) -> tuple[float | None, str | None, dict[str, Range]]:
-    """Return the gain if it has a single value, the input's unit, and otherwise its range."""
+    """Return the gain (None if it has a range), the input's unit, and the range of the gain."""
     if plan.gain is not None:
         low, high, unit = *plan.gain, "V"
     elif plan.modal_mass is not None:

@@ -154,7 +154,7 @@ def _after(
         raise ConfigError(
             "Keys `gain` and `modal_mass` must be left out for this run, which inferred the "
             f"gain, but one of them gives {description.gain:g}.",
-            remedy="Leave it out; levels are in the unit of the run's input.",
+            remedy="Leave `gain` and `modal_mass` out; levels are in the unit of the run's input.",
         )
     noise = description.noise or rig.noise
     if noise is None:
@@ -225,8 +225,8 @@ def rig_of(tree: xr.DataTree) -> Rig:
 
 def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
     """Return the noise of one sample, the median over levels and draws; None if unknown."""
-    # Omit the noise of free decays (which are filtered) and of harmonics, because it is not that of
-    # one sample.
+    # Omit the noise of free decays (which are filtered) and of harmonics, because it is not the
+    # noise of one sample.
     for name, values in posterior.data_vars.items():
         response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
         sampled = str(values.dims[-1]).startswith("level")

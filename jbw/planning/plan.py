@@ -151,7 +151,7 @@ class Wish:
     """The wanted parameters with their accuracy, and the limits of the tests."""
 
     wanted: tuple[str, ...]  # parameters to be determined
-    cv: float  # wanted coefficient of variation of each of them
+    cv: float  # wanted coefficient of variation of each wanted parameter
     max_repeats: int = 1000  # largest number of repeats of one test
     max_displacement: float = np.inf  # largest displacement [m]
     max_input: float = np.inf  # largest peak of the input [V, N or N/kg]

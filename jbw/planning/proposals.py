@@ -294,7 +294,7 @@ def _times(grid: TonesTable, beliefs: Beliefs) -> tuple[float, float]:
     if not settle < dwell:
         raise ConfigError(
             f"[plan] dwell: must be longer than settle ({settle:g} s), but is {dwell:g} s.",
-            why="Free motion of the least damped joint takes that long to fall to a thousandth.",
+            why="A tone is measured only after the settling time, in which free motion decays.",
             remedy="Lengthen dwell, or state a shorter settle.",
         )
     return settle, dwell

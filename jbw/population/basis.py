@@ -230,7 +230,7 @@ def require_same_torque(folder: Path, torque: float | None) -> float | None:
         raise DataError(
             f"The tests are of a joint tightened to {torque:g} N m, but the population in "
             f"{folder} predicts units at {at:g} N m.",
-            remedy=f"Compute it for that torque: jbw population FLEET --torque {torque:g} --out "
-            "DIR, then jbw predict DIR.",
+            remedy=f"Compute the population at {torque:g} N m: jbw population FLEET --torque "
+            f"{torque:g} --out DIR, then jbw predict DIR.",
         )
     return at

@@ -26,7 +26,7 @@ Rows = Float[np.ndarray, "coordinate parameter"]
 
 
 class Pooled(NamedTuple):
-    """The quantities in which a fleet is pooled, with each unit's mean and covariance of these.
+    """The quantities in which a fleet is pooled, with their mean and covariance for each unit.
 
     Attributes:
         names: Coordinates, whose logarithms have the population's distribution.
@@ -141,12 +141,13 @@ def _require_held(fleet: xr.DataTree, name: str) -> None:
     if lacking := json.loads(fleet.attrs["left_out"]).get(name):
         raise DataError(
             f"{name} has no logarithm in {', '.join(lacking)}: it is unknown or not positive.",
-            remedy="Pool other quantities with --parameters, or leave these units out.",
+            remedy=f"Pool quantities other than {name} with --parameters, or leave out "
+            f"{', '.join(lacking)}.",
         )
     if name not in held:
         raise ConfigError(
             f"The fleet has no {name}.",
-            remedy=f"{did_you_mean(name, held)}It has {', '.join(held)}.",
+            remedy=f"{did_you_mean(name, held)}The fleet has {', '.join(held)}.",
         )
 
 
@@ -159,7 +160,8 @@ def _require_whole(fleet: xr.DataTree, name: str) -> None:
             f"The prior cuts the posterior of {name} in {', '.join(units)}.",
             why="A posterior that ends at a bound is not normal, and pooling would treat the bound "
             "as data.",
-            remedy=f"Widen [identify.prior] {bounds} of their campaigns and identify them again.",
+            remedy=f"Widen [identify.prior] {bounds} in the campaigns of {', '.join(units)}, and "
+            "identify these campaigns again.",
         )
 
 

@@ -42,14 +42,14 @@ def _checked(run: str, stated: Mapping[str, Any]) -> Covariates:
         if name not in NAMES:
             raise ConfigError(
                 f"Run {run}: `{name}` is no covariate.",
-                remedy=f"{did_you_mean(name, NAMES)}Known are {', '.join(NAMES)}.",
+                remedy=f"{did_you_mean(name, NAMES)}The covariates are {', '.join(NAMES)}.",
             )
     numbers = {n: _number(run, n, stated[n]) for n in NUMBERS if stated.get(n) not in (None, "")}
     if not numbers.get("torque", 1.0) > 0:
         raise ConfigError(
             f"Run {run}: `torque` must be positive, but is {numbers['torque']:g}.",
-            why="The joint is modelled by the logarithm of the torque.",
-            remedy="State it in N m.",
+            why="The joint's parameters are modelled as functions of the logarithm of the torque.",
+            remedy="State `torque` in N m.",
         )
     return Covariates(**numbers, assembly=str(stated.get("assembly") or ""))
 
@@ -62,7 +62,7 @@ def _number(run: str, name: str, value: Any) -> float:
     if not isfinite(number):
         raise ConfigError(
             f"Run {run}: `{name}` must be a finite number, but is {value!r}.",
-            remedy="Correct it, or leave it out where it is not known.",
+            remedy=f"Correct `{name}`, or leave `{name}` out if the value is unknown.",
         )
     return number
 
@@ -75,8 +75,8 @@ def require_torque_of_all(stated: Mapping[str, Covariates]) -> None:
             f"`torque` is stated for {len(stated) - len(lacking)} of {len(stated)} runs; it is "
             f"missing for {', '.join(lacking)}.",
             why="A slope over the torque needs the torque of every unit.",
-            remedy="State it for all of them, in [assembly] of their campaigns or in a table given "
-            "with --covariates, or leave those runs out.",
+            remedy="State `torque` for all runs, in [assembly] of their campaigns or in a table "
+            f"given with --covariates, or leave out {', '.join(lacking)}.",
         )
 
 
@@ -98,9 +98,9 @@ def read_covariates(path: Path) -> dict[str, dict[str, str]]:
         run = (row.pop("run", None) or "").strip()
         if not run or run in covariates or None in row:
             raise ConfigError(
-                f"{path.name}, line {number}: needs another run, and as many values as the "
-                "header has columns.",
-                remedy=f"Begin it with the line: run,{','.join(NAMES)}.",
+                f"{path.name}, line {number}: must name a run that no earlier line names, and must "
+                "not have more values than the header has columns.",
+                remedy=f"Begin the file with the line: run,{','.join(NAMES)}.",
             )
         covariates[run] = {name.strip(): (value or "").strip() for name, value in row.items()}
     return covariates

@@ -120,7 +120,7 @@ def fleet_of(
     if len(units) < FEWEST:
         raise DataError(
             f"A fleet needs at least {FEWEST} runs, but there {'is one' if units else 'is none'}.",
-            why="With fewer units the variation between units cannot be estimated.",
+            why=f"With fewer than {FEWEST} units the variation between units cannot be estimated.",
             remedy="Give the folders of more finished runs, of other units or tightenings.",
         )
     require_alike(units, mixed_versions=mixed_versions)

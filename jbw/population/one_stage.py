@@ -115,7 +115,7 @@ def measured_units(studies: Sequence[Study], population: Population) -> list[Mea
         raise ConfigError(
             f"Argument `studies` must hold the {num_units} units of the "
             f"population, but holds {len(studies)}.",
-            remedy="Give what `jbw.identify` returned of each, in the order of the fleet.",
+            remedy="Give the result of `jbw.identify` for each unit, in the order of the fleet.",
         )
     return [_measured_unit(study, population) for study in studies]
 
@@ -146,7 +146,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
         raise DataError(
             f"{study.result.campaign} has no joint posterior at hand.",
             why="A saved run contains draws, but not the likelihood of its records.",
-            remedy="Give what `jbw.identify` returned.",
+            remedy="Give the result that `jbw.identify` returned in this process.",
         )
     data, main = identification.data, identification.main
     bounds, names = bounds_by_name(main.box), main.box.names
@@ -155,7 +155,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     if not np.all(draws > 0):
         raise DataError(
             f"Draws of {study.result.campaign} are not positive: they have no logarithm.",
-            remedy="Leave the unit out, or check the two-stage population by other units.",
+            remedy="Leave the unit out, or check the two-stage population with other units.",
         )
     upper = np.array([bounds[name][1] for name in names])
     lower = np.maximum([bounds[name][0] for name in names], LEAST * upper)

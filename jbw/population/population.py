@@ -65,12 +65,12 @@ from jbw.results.population import StoredPopulation
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
 HEAVY = 0.7  # Weights of draws are unreliable if their Pareto k-hat exceeds this.
-# If the probability that a unit belongs exceeds this, the unit is not examined further. A unit that
-# is far off in one coordinate enlarges the covariance T itself, and so lies at chi-square = d - 1 +
-# n, which has a probability of 0.2 or less.
+# If the probability that a unit belongs to the population exceeds this, the unit is not examined
+# further. A unit that is far off in one coordinate enlarges the covariance T itself, and so lies at
+# chi-square = d - 1 + n, which has a probability of 0.2 or less.
 BEYOND_DOUBT = 0.3
-# If the probability that a unit belongs is below this, the population without it is sampled again
-# even if k-hat is small: k-hat does not show that chains have missed a tail.
+# If the probability that a unit belongs to the population is below this, the population without the
+# unit is sampled again even if k-hat is small: k-hat does not show that chains have missed a tail.
 DOUBTFUL = 0.05
 # numbers of warm-up steps, draws and chains for a population from which one unit is omitted
 LENGTHS = (500, 1000, 1)
@@ -80,7 +80,7 @@ FEWEST = 3  # With fewer units than this, mostly the prior determines the variat
 FEWEST_FREE = 3
 GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.002
 Draws = dict[str, np.ndarray]
-# A unit does not belong if its p-value, multiplied by the number of units, is below this.
+# A unit does not belong to the population if its p-value times the number of units is below this.
 ODD = 0.01
 # If a unit's own standard deviation exceeds the variation between units by this factor, a Gaussian
 # replaces its posterior.
@@ -171,7 +171,8 @@ def population_of(
         raise DataError(
             f"{len(failed)} of {num} runs failed: {', '.join(failed)}.",
             why="The result of a failed run must not be used.",
-            remedy="Correct them first (jbw explain), or pool them anyway with --all-verdicts.",
+            remedy="Correct the failed runs first (jbw explain), or pool all runs anyway with "
+            "--all-verdicts.",
         )
     coordinates = pooled(fleet, parameters)
     design = covariates_in(fleet)

@@ -81,9 +81,9 @@ def design_of(torque: Sequence[float], sequence: Sequence[float]) -> CovariateDe
             continue
         if np.isnan(values).any() or (values <= 0.0).any():
             raise DataError(
-                f"Every unit must state a positive {name}, or none of them; the values are "
+                f"Every unit or no unit must state a positive {name}; the values are "
                 f"{', '.join(f'{value:g}' for value in values)}.",
-                remedy=f"State it in [assembly] {name} of every campaign, or with "
+                remedy=f"State a positive `{name}` in [assembly] of every campaign, or with "
                 "`jbw collect --covariates`.",
             )
         middle = np.exp(np.mean(np.log(values))) if name == TORQUE else 1.0

@@ -60,8 +60,8 @@ def mask_of(
     for name in saturating:
         if name not in names:
             raise ConfigError(
-                f"No pooled quantity has the name {name}, so that it cannot saturate.",
-                remedy=f"{did_you_mean(name, names)}Pooled are {', '.join(names)}.",
+                f"{name} cannot saturate, because no pooled quantity has this name.",
+                remedy=f"{did_you_mean(name, names)}The pooled quantities are {', '.join(names)}.",
             )
     if len(saturating) and TORQUE not in columns:
         raise DataError(

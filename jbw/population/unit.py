@@ -101,7 +101,8 @@ def _names(folders: Sequence[Path | None], campaigns: Sequence[str]) -> list[str
 def _unit(name: str, folder: Path | None, summary: RunSummary, tree: xr.DataTree) -> Unit:
     if "posterior" not in tree.children:
         raise DataError(
-            f"The run {name} has no posterior.", remedy="Identify its campaign again: jbw identify."
+            f"The run {name} has no posterior.",
+            remedy=f"Identify the campaign of {name} again: jbw identify CAMPAIGN.",
         )
     posterior, laws = posterior_draws(tree), laws_of(tree)
     if are_at_joints(laws):
@@ -116,7 +117,7 @@ def _unit(name: str, folder: Path | None, summary: RunSummary, tree: xr.DataTree
         if not np.all(np.isfinite(values)):
             raise DataError(
                 f"The run {name} has draws of {quantity} that are not finite.",
-                remedy="Identify its campaign again, or leave the run out.",
+                remedy=f"Identify the campaign of {name} again, or leave the run out.",
             )
     attrs = {n: posterior[n].attrs for n in draws if n in posterior}
     for quantity, meaning in attrs.items():
@@ -125,7 +126,8 @@ def _unit(name: str, folder: Path | None, summary: RunSummary, tree: xr.DataTree
                 f"The run {name} has the prior {meaning['prior']} of {quantity}.",
                 why="A population removes the priors of its runs, which is possible only for "
                 "uniform priors.",
-                remedy=f"Identify its campaign with bounds for `{quantity}` in [identify.prior].",
+                remedy=f"Identify the campaign of {name} with bounds for `{quantity}` in "
+                "[identify.prior].",
             )
     bounds = {n: (float(a["lower"]), float(a["upper"])) for n, a in attrs.items() if "lower" in a}
     runs = np.atleast_1d(tree.attrs.get("scatter", ())).tolist()
@@ -185,8 +187,9 @@ def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
         if first.laws != second.laws:
             raise DataError(
                 f"{pair} have different laws of the joint: {_laws(first)}, and {_laws(second)}.",
-                why="Their parameters are not the same quantities.",
-                remedy="Identify all with the same [joint] laws, or collect them separately.",
+                why="The parameters of different laws are different quantities.",
+                remedy="Identify all units with the same [joint] laws, or collect the runs of each "
+                "law separately.",
             )
         for name in first.quantities.keys() & second.quantities.keys():
             was, is_ = first.quantities[name].unit, second.quantities[name].unit
@@ -194,7 +197,7 @@ def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
                 raise DataError(
                     f"{pair} have {name} in different units: {was}, and {is_}.",
                     why="Values in different units cannot be compared.",
-                    remedy="Use the same unit of the source for all units, or collect them "
+                    remedy="Use the same unit of the source in both runs, or collect the two runs "
                     "separately.",
                 )
         versions = first.summary.versions, second.summary.versions
@@ -204,8 +207,9 @@ def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
             if was != is_:
                 raise DataError(
                     f"{pair} were made with different versions of {name}: {was}, and {is_}.",
-                    why="The same records may then have other posteriors.",
-                    remedy="Identify the older one again, or accept it with --mixed-versions.",
+                    why="The same records may have different posteriors in different versions.",
+                    remedy="Identify the older run again, or accept both versions with "
+                    "--mixed-versions.",
                 )
     _require_own_records(units)
 
@@ -219,7 +223,7 @@ def _require_own_records(units: Sequence[Unit]) -> None:
             raise DataError(
                 f"The runs {seen[records]} and {unit.name} are of the same records.",
                 why="One unit would count as two, and the variation would be underestimated.",
-                remedy="Give one of them.",
+                remedy=f"Give only one of the runs {seen[records]} and {unit.name}.",
             )
         seen[records] = unit.name
 

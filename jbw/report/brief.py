@@ -33,7 +33,7 @@ from jbw.report.words import badge, in_symbols, law_words
 from jbw.results.run import RunSummary, StoredTest
 
 WIDTH, HEIGHT = 8.27, 11.69  # A4 [in]
-MARGIN = 0.7  # on every side [in]
+MARGIN = 0.7  # empty margin on every side of the page [in]
 ROOM = WIDTH - 2 * MARGIN  # width of a line of text [in]
 LEADING = 1.45  # distance of two lines of text, relative to their font size
 POINT = 1 / 72  # [in]

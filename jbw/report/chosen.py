@@ -20,15 +20,15 @@ def selected(tests: Tests, part: Part) -> Tests:
     """
     if part not in ("chosen", "rest", "all"):
         raise ConfigError(
-            f"Argument `part` must be chosen, rest or all, but is {part!r}.",
-            remedy='Leave it out, or give part="all" for every test.',
+            f"Argument `part` must be 'chosen', 'rest' or 'all', but is {part!r}.",
+            remedy='Leave `part` out, or give part="all" for every test.',
         )
     if part == "all":
         return tests
     names = chosen_names(tests)
     in_part = [(name, test) for name, test in tests if (name in names) == (part == "chosen")]
     if not in_part:
-        raise DataError("The result has no other test of this kind than those that are drawn.")
+        raise DataError('All tests of this kind are already drawn with part="chosen".')
     return in_part
 
 

@@ -33,7 +33,7 @@ RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}
 SPRINGS = {"cubic": "λ₃ y³"}
 MOST = 6  # largest number of parameters in the drawing
 WALL, MASS, RIGHT = 0.6, 4.6, 7.0  # abscissae of the drawing
-SPRING, DAMPER, HYSTERESIS = 9.6, 8.2, 6.8  # ordinates of its elements
+SPRING, DAMPER, HYSTERESIS = 9.6, 8.2, 6.8  # ordinates of the drawn elements
 STROKE: Any = {"color": INK, "lw": 1.2, "solid_capstyle": "round"}
 ARROW: Any = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0}
 

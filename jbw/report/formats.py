@@ -20,6 +20,6 @@ def formats_of(names: Iterable[str], source: str) -> tuple[str, ...]:
         if name not in FORMATS:
             raise ConfigError(
                 f"{source} must name formats among {', '.join(FORMATS)}, but one is {name!r}.",
-                remedy="Name some of them, for example pdf.",
+                remedy="Name one or more of the listed formats, for example pdf.",
             )
     return formats

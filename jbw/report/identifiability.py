@@ -102,7 +102,8 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     group = branch(tree, GROUP)
     if "profile_value" not in group:
         raise DataError(
-            "The run followed no profile likelihoods; set profiles = true in [identify]."
+            "The run has no profile likelihoods; set profiles = true in [identify] and identify "
+            "again."
         )
     names = names_of(tree)
     group = group.dropna("parameter", how="all", subset=["profile_value"])

@@ -168,7 +168,7 @@ def _mark(column: Panels, interaction: tuple[int, int, float], factor: float, un
     low, high = column[0].get_xlim()
     ha, away = ("right", -3) if place > 0.5 * (low + high) else ("left", 3)
     column[0].annotate(
-        f"1:{order} with mode {mode + 1}\nat {number(place)} {unit}",
+        f"resonance 1:{order} with\nmode {mode + 1} at {number(place)} {unit}",
         (place, 0.04), xycoords=("data", "axes fraction"), xytext=(away, 0),
         textcoords="offset points", ha=ha, fontsize=7, color=INK,
     )  # fmt: skip

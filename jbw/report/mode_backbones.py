@@ -41,7 +41,10 @@ def mode_backbones(tree: xr.DataTree, ax: Any = None) -> Panels:
     group = branch(tree, BACKBONES, "frequency_hz", "damping", "shape", "displacement")
     chosen = [mode for mode in group["mode"].values if _is_seen(group.sel(mode=mode))]
     if not chosen:
-        raise DataError("The first point hardly sees any mode that the tests drive.")
+        raise DataError(
+            "The first response point hardly moves in the modes that the tests drive, so that no "
+            "backbone can be drawn at this point."
+        )
     axes, columns = mode_columns(ax, len(chosen))
     for mode, column in zip(chosen, columns, strict=True):
         _draw_bands(column, group.sel(mode=mode))

@@ -127,7 +127,7 @@ def _digits(low: float, high: float) -> int:
 
 
 def effect_sentence(summary: RunSummary, tree: xr.DataTree) -> str:
-    """Return the sentence on the joint's effect at the largest fitted amplitude and a tenth."""
+    """Return the sentence on the joint's effect at the largest fitted amplitude and 10 % of it."""
     for finding in summary.verdict.against:
         if finding.code == ABSENT:
             return finding.reason

@@ -65,7 +65,7 @@ def render_picker(campaign: str, tests: Sequence[Test]) -> str:
     }
     if not spectra:
         raise DataError(
-            "No test of the campaign has a spectrum to choose a band on.",
+            "No test of the campaign has a spectrum in which a band can be chosen.",
             remedy="Leave out --html: force loops have no band.",
         )
     peaks = peaks_of(spectra)

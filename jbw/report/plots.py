@@ -45,7 +45,7 @@ def draw(tree: xr.DataTree, name: str) -> Figure:
     if name not in FIGURES:
         raise ConfigError(
             f"Argument `name` must be the name of a figure, not {name!r}.",
-            remedy=f"Take one of: {', '.join(FIGURES)}.",
+            remedy=f"Give one of these names: {', '.join(FIGURES)}.",
         )
     return figure_of(FIGURES[name](tree))
 

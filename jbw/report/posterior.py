@@ -175,7 +175,7 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: Step 3 in the prior box, and the joint posterior enlarged, where the run has them.
     """
     if laws_of(tree)[:1] != ("bouc_wen",):
-        raise DataError("The law of this joint has no such pair of parameters.")
+        raise DataError("The law of this joint does not have the parameters α and δ.")
     by_source = _sampled(tree, (*reversed(THIRD_ORDER), JOINT))
     # The first two parameters of the law form the product that weak motion determines.
     laws = {source: of_law(sampled.values()) for source, sampled in by_source.items()}
@@ -183,7 +183,7 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     third, joint = ([s for s in pairs if (s == JOINT) == is_joint] for is_joint in (False, True))
     present = [sources for sources in (third, joint) if sources]
     if not present:
-        raise DataError("The result has no posterior of the pair.")
+        raise DataError("The result has no posterior of α and δ.")
     axes = panels(ax, 1, len(present), height=3.4)
     for panel, sources in zip(axes[0], present, strict=True):
         for source in sources:

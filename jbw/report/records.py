@@ -19,7 +19,7 @@ from jbw.report.text import axis_label, percent, plain
 # number of intervals of a whole record whose extremes are drawn; it equals the figure's number of
 # points in width
 COLUMNS = 1000
-FEWER = 300  # the same number of intervals, if three panels share the width
+FEWER = 300  # number of intervals of a whole record if three panels share the width
 # largest number of drawn records; held-out records are drawn first, then fitted ones
 MOST_DECAYS = 6
 PERIODS, WIDE_PERIODS = 6, 8

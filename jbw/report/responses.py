@@ -256,7 +256,7 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     group_tests = [(name, test) for _, name, test in verified(tree, "axis")]
     if not group_tests:
-        raise DataError("The result has no test of a further kind.")
+        raise DataError("The result has no test of a kind that was added to jbw.")
     axes, stack = stacks(ax, len(group_tests), 1, height=2.5)
     for (only,), (name, test) in zip(stack, group_tests, strict=True):
         axis = str(test.attrs["axis"])
@@ -425,7 +425,7 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
     kernel = branch(tree, "verification/h3", "measured_magnitude", "measured_phase")
     present = [name for name in SAMPLERS if f"{name}_magnitude" in kernel]
     if not present:
-        raise DataError("The group /verification/h3 holds no band of the model.")
+        raise DataError("The group /verification/h3 of the result contains no band of the model.")
     axes = panels(ax, 2, 2, height=4.6, sharex=True)
     freq = frequency(kernel)
     step = np.min(np.diff(np.sort(freq))) if freq.size > 1 else 1.0

@@ -57,8 +57,8 @@ def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
         if tree.attrs.pop(MARK, None) is not None and not has_hashes:
             raise damaged(folder / "summary.json")
     except DataError as error:
-        # The run was killed after its posterior had replaced that of a first answer, but before its
-        # summary did.
+        # The run was killed after its final posterior had replaced the first posterior, but before
+        # its final summary had replaced the first summary.
         if _is_unfinished(folder):
             raise _completed_by_resume(folder, error.what) from None
         raise
@@ -90,8 +90,9 @@ def of_another_version(folder: Path, versions: Mapping[str, str], what: str) -> 
     writer = versions.get("jbw", "unknown") if isinstance(versions, Mapping) else "unknown"
     return DataError(
         f"The run in {folder} cannot be read: {what}",
-        why=f"It was made by version {writer} of jbw; this is version {version('jbw')}.",
-        remedy=f"Read it with version {writer}, or identify again: jbw identify CAMPAIGN.toml.",
+        why=f"The run was made by version {writer} of jbw; this is version {version('jbw')}.",
+        remedy=f"Read the run with version {writer} of jbw, or identify again: jbw identify "
+        "CAMPAIGN.toml.",
     )
 
 
@@ -108,7 +109,7 @@ def require_finite(tree: xr.DataTree, path: Path) -> None:
                 raise DataError(
                     f"The draws of {name} in {path} must be finite numbers, but {lost} of "
                     f"{numbers.size} are not.",
-                    why="No quantity computed from them is reliable.",
+                    why="No quantity computed from these draws is reliable.",
                     remedy="Restore the folder from a copy, or identify again: jbw identify "
                     "CAMPAIGN.toml.",
                 )
@@ -121,8 +122,8 @@ def _is_unfinished(folder: Path) -> bool:
 def _completed_by_resume(folder: Path, what: str) -> DataError:
     return DataError(
         what,
-        why="Its run failed or was interrupted.",
-        remedy=f"Finish it: jbw resume {shlex.quote(str(folder))}",
+        why="The run failed or was interrupted.",
+        remedy=f"Finish the run: jbw resume {shlex.quote(str(folder))}",
     )
 
 
@@ -205,7 +206,8 @@ def parameters(group: xr.Dataset) -> list[PosteriorParameter]:
         rest = [dim for dim in values.dims if dim not in ("chain", "draw")]
         for index, place in enumerate(np.ndindex(*(values.sizes[dim] for dim in rest))):
             single = values.isel(dict(zip(rest, place, strict=True)))
-            # A text such as [0.05] states the coordinates of the element; a scalar has none.
+            # A label such as `x[0.05]` states the coordinates of an array's element; the label of a
+            # scalar has none.
             marks = [
                 single[d].item() if d in single.coords else at
                 for d, at in zip(rest, place, strict=True)
@@ -261,7 +263,7 @@ def frequency(test: xr.Dataset) -> Float[np.ndarray, " freq"]:
     for name in ("freq", "freq_hz"):
         if name in test.coords:
             return np.asarray(test[name].values, float)
-    raise DataError("A group of the result has no frequency axis.")
+    raise DataError("A group of the result must have a coordinate `freq` or `freq_hz`.")
 
 
 def unit_of(values: xr.DataArray) -> str:

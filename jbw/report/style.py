@@ -55,8 +55,8 @@ def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) ->
         axes = np.asarray(ax, dtype=object).reshape(-1)
         if axes.size != rows * columns:
             raise ConfigError(
-                f"Argument `ax` must hold {rows * columns} axes for this figure, "
-                f"but {axes.size} came.",
+                f"Argument `ax` must contain {rows * columns} axes for this figure, "
+                f"but contains {axes.size}.",
                 remedy="Leave `ax` out and the figure makes its own axes.",
             )
         return axes.reshape(rows, columns)
@@ -82,7 +82,7 @@ def stacks(
 
     `height` is that of one line of stacks [in].
     """
-    # At most three stacks are side by side, but four are in two pairs; axes go row by row.
+    # Draw up to three stacks in one line, four in two lines, and count the axes row by row.
     columns = 2 if count == 4 else min(count, 3)
     lines = -(-count // columns)
     if "height_ratios" in layout:

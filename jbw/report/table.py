@@ -154,7 +154,9 @@ def typed_cell(cell: Cell) -> str:
 
 
 def _rich(shown: Table, spared: int, *, is_tight: bool = False) -> Any:
-    """Return a table as a Rich table, without the columns that are dropped first.
+    """Return a Rich table without the columns that a narrow terminal drops.
+
+    A column is dropped if its own `spared` is at least 1 and at most `spared`.
 
     A tight table has single spaces between columns, and folds only columns with long cells.
     """

@@ -1,4 +1,4 @@
-"""The tables of a run: what each column shows of the summary or of the tree."""
+"""The tables of a run, with the entry of the summary or of the tree that each column shows."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -177,8 +177,8 @@ def table_of_tests(summary: RunSummary, tree: xr.DataTree | None = None) -> Tabl
         Column("remark", _fitted, align="left"),
         shares(notes.ERROR, "nrmse", ""),
         shares(notes.OWN_FREQUENCY, "nrmse_own_frequency", ""),
-        shares("the same, best\nlinear oscillator", "nrmse_linear", ""),
-        shares("the same, best\ncubic oscillator", "nrmse_cubic", ""),
+        shares("RMS error, best\nlinear oscillator", "nrmse_linear", ""),
+        shares("RMS error, best\ncubic oscillator", "nrmse_cubic", ""),
         Column("inside the\n99 % band", inside),
         shares(notes.HALF_WIDTH, "half_width", ""),
     )

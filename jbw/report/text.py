@@ -53,7 +53,7 @@ def unit_text(unit: str) -> str:
     if unit == "1":
         return ""
     unit = in_dialect(unit)
-    # After a number, the 1 of such a fraction would be taken for a digit of it.
+    # The 1 of a unit such as 1/s would look like a digit of the number before the unit.
     if unit.startswith("1/"):
         powers = re.findall(r"([A-Za-z]+)(?:\^(\d+))?", unit)
         unit = " ".join(f"{name}^-{power or 1}" for name, power in powers)

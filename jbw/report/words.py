@@ -78,7 +78,8 @@ def in_symbols(text: str, quantities: Names) -> str:
     names = "|".join(map(re.escape, sorted(spelled, key=len, reverse=True)))
     letters = "".join({letter[-1] for letter in spelled.values() if not letter.isascii()})
     firsts = "".join({letter[0] for letter in spelled.values() if not letter[0].isascii()})
-    # Paths and names in backticks are excluded; after a stroke only if a symbol precedes it.
+    # Exclude paths and names in backticks. Replace a name after a slash only if a symbol precedes
+    # the slash.
     replaced = re.sub(rf"(?<![\w./`])({names})(?![\w`])", lambda match: spelled[match[1]], text)
     if letters:
         replaced = re.sub(

@@ -1,4 +1,4 @@
-"""The content of `loads.json` as types: single numbers of predictions under other loads."""
+"""The types of `loads.json`: scalar results of predictions under other loads."""
 
 from jbw.results.stored import Number, Stored
 

@@ -325,7 +325,7 @@ class StoredWaterfall(Stored):
 
 
 class StoredIdentifiability(Stored):
-    """How well the data determine parameters and combinations of parameters."""
+    """The accuracy with which the data determine parameters and combinations of parameters."""
 
     statements: list[str] = []
     spectrum: list[StoredDirection] = []

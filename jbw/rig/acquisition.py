@@ -214,14 +214,14 @@ def _check_folder(campaign: RigCampaign, folder: Path) -> None:
     if (folder / "campaign.toml").exists():
         raise RunError(
             f"Folder {folder} must be new or empty, but contains a campaign.",
-            remedy="Choose another folder, or remove this one.",
+            remedy=f"Choose another folder, or remove {folder}.",
         )
     planned = {f"{record.name}.h5" for test in campaign.tests for record in test.records}
     strangers = sorted(path.name for path in folder.glob("*.h5") if path.name not in planned)
     if strangers:
         raise RunError(
             f"Folder {folder} must contain no other data, but contains {strangers[0]}.",
-            why="The patterns in the campaign file would include it as a repeat.",
+            why=f"The patterns in the campaign file would include {strangers[0]} as a repeat.",
             remedy="Choose an empty folder.",
         )
 

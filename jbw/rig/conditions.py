@@ -97,6 +97,6 @@ def digitise(
         raise ConfigError(
             f"Channel {channel} must stay within +-{full_scale:g}, but reaches {peak:.4g}.",
             why="A converter clips outside its range, and a clipped record is useless.",
-            remedy="Lower the level or the gain, or give the preset a larger range.",
+            remedy="Lower the level or the gain, or use a preset of the rig with a larger range.",
         )
     return digital

@@ -69,7 +69,7 @@ def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> SliderForces:
 def iwan4(
     iwan_stiffness: Scalar, iwan_loss: Scalar, iwan_chi: Scalar, iwan_beta: Scalar
 ) -> list[Force]:
-    """Return sliders with Segalman's density, and those at its end that slip together."""
+    """Return sliders with Segalman's density, and a group at its upper end that slips together."""
     chi, spread = iwan_chi, iwan_stiffness / (1 + iwan_beta)
     r = iwan_loss * (chi + 1) * (chi + 2) / MILLIMETRE ** (chi + 1)
     last = (spread * (chi + 1) / r) ** (1 / (chi + 1))
@@ -88,7 +88,7 @@ def masing_power(power_loss: Scalar, power_exponent: Scalar) -> list[Force]:
 def masing_exponential(exponential_alpha: Scalar, exponential_b: Scalar) -> list[Force]:
     r"""Return sliders with the density $\alpha b\,e^{-b\varphi}$ of slip limits $\varphi$."""
     alpha, b = exponential_alpha, exponential_b
-    x = _slips(40.0 / b)  # Only 4e-18 of the sliders slip beyond this.
+    x = _slips(40.0 / b)  # Only a fraction of 4e-18 of the sliders slips beyond 40/b.
     passed = jnp.exp(-b * x)
     return [_binned(-alpha * passed, -alpha * passed * (x + 1 / b))]
 

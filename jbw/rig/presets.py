@@ -330,7 +330,7 @@ def plans_named(preset: Preset, names: Iterable[str] | None) -> list[Plan]:
     for name in requested:
         if name not in planned:
             raise ConfigError(
-                f'Argument `tests` must name planned tests, but "{name}" is none.',
-                remedy=did_you_mean(name, planned) + f"Known: {', '.join(planned)}.",
+                f'Argument `tests` must name planned tests, but no planned test is named "{name}".',
+                remedy=did_you_mean(name, planned) + f"Planned tests: {', '.join(planned)}.",
             )
     return [plan for plan in preset.plans if plan.name in requested]

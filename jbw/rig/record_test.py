@@ -1,4 +1,4 @@
-"""One test at the rig: played or prescribed, sensed and recorded."""
+"""One test at the virtual rig: the excitation, the sensors and the recorder."""
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -59,7 +59,7 @@ class Bench:
     def sensed(
         self, role: str, analog: Samples, noise_std: float, full_scale: float, key: tuple[int, int]
     ) -> Samples:
-        """Return a channel after sensor noise and digitisation; `key` is its repeat and stream."""
+        """Return a channel with sensor noise, digitised; `key`: numbers of repeat and channel."""
         return digitise(
             analog,
             noise_std=noise_std,
@@ -211,7 +211,7 @@ def _shaken_structure(
     if conditions.delay:
         raise ConfigError(
             f"Argument `delay` must be 0 on the rig `{rig.name}`, but is {conditions.delay:g}.",
-            why="Its force and drive point are recorded at the same time as its velocity.",
+            why="This rig records force and drive point at the same time as the velocity.",
         )
     differ = conditions.varies or isinstance(excitation, Noise)
     recorded: list[Channels] = []

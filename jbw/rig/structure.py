@@ -64,7 +64,7 @@ class Assembled(NamedTuple):
 
     @property
     def specimen(self) -> Specimen:
-        """The joint alone, with its internal states; its specimen has zero omega_n and zeta."""
+        """The joint alone, with its internal states, as a specimen with omega_n = zeta = 0."""
         return Specimen(0.0, 0.0, self.joint)
 
     def at_rest(self) -> State:

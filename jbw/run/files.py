@@ -30,7 +30,7 @@ def write_whole(path: Path, content: bytes) -> None:
     except OSError as error:
         raise RunError(
             f"{path} cannot be written: {error.strerror or error}.",
-            why="What was saved before is complete.",
+            why="All files that were saved before are complete.",
             remedy="Free some space, or make the folder writable, and continue: jbw resume DIR.",
         ) from error
 

@@ -57,7 +57,7 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
         raise RunError(
             f"Another process{_holder(file)} is writing to {folder}.",
             why="Results of two runs must not be mixed.",
-            remedy="Wait until it ends, or choose another folder.",
+            remedy="Wait until the other process ends, or choose another folder.",
         ) from error
     except OSError as error:
         if error.errno not in UNSUPPORTED:
@@ -73,7 +73,7 @@ def _holder(file: Path) -> str:
     """Return the process and host recorded as the lock's holder; an empty text if unreadable."""
     try:
         holder = json.loads(file.with_suffix(HOLDER).read_text(encoding="utf-8"))
-        return f" (number {holder['pid']} on {holder['host']})"
+        return f" (process {holder['pid']} on {holder['host']})"
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return ""
 
@@ -177,7 +177,8 @@ def begin(folder: Path, manifest: Manifest) -> Run:
             raise RunError(
                 f"The folder {folder} contains a run that was interrupted.",
                 why="Results of two runs must not be mixed.",
-                remedy=f"Continue it: jbw resume {folder}. Or choose another folder with --out.",
+                remedy=f"Continue the run: jbw resume {folder}. Or choose another folder with "
+                "--out.",
             )
         _require_empty(folder)  # Another process may have begun a run before this one got the lock.
         write_manifest(unfinished, manifest)
@@ -217,7 +218,7 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
             return None
         raise RunError(
             f"The folder {folder} contains no run that could be continued.",
-            remedy=f"Begin one: jbw identify CAMPAIGN --out {folder}.",
+            remedy=f"Begin a run: jbw identify CAMPAIGN --out {folder}.",
         )
     _require_inside(folder)
     with _locked(folder) as held:
@@ -255,7 +256,7 @@ def _require_inside(folder: Path) -> None:
             raise RunError(
                 f"The run's folder {folder} must contain its own files, but {path.name} is a "
                 f"link to {path.resolve()}.",
-                why="If the run continued, it would write there.",
+                why="If the run continued, it would write to a file outside of its folder.",
                 remedy="Replace the link by a copy of the file.",
             )
 
@@ -270,12 +271,12 @@ def _require_empty(folder: Path) -> None:
         raise RunError(
             f"The output folder {folder} must be new or empty, but it contains {others[0]}.",
             why="Results of two runs must not be mixed.",
-            remedy="Choose another folder with --out, or empty this one.",
+            remedy=f"Choose another folder with --out, or empty {folder}.",
         )
 
 
 def _unwritable(folder: Path, error: OSError) -> RunError:
     return RunError(
         f"The output folder {folder} cannot be written: {error.strerror or error}.",
-        remedy="Choose another folder with --out, or make this one writable.",
+        remedy="Choose another folder with --out, or make the folder writable.",
     )

@@ -48,7 +48,7 @@ class Manifest:
     preset: str | None = None  # preset of the virtual rig that measures the campaign first
     allow_outside: bool = False  # whether data files may be outside the campaign's folder
     quick: bool = False  # whether only a first answer is requested
-    final: bool = False  # whether a final fit to all tests, for use, is requested
+    final: bool = False  # whether a final fit is requested that also includes held-out tests
     figures: tuple[str, ...] = ()  # file formats of saved figures
     text: str | None = None  # content of the campaign file, once it has been read
     # SHA-256 of every data file by the file's path, relative to the campaign's folder if inside it
@@ -80,7 +80,7 @@ def read_manifest(path: Path) -> Manifest:
         pass
     raise RunError(
         f"{path} is damaged, or was written by another version of jbw.",
-        why="It states the settings of the run.",
+        why="This file states the settings of the run.",
         remedy="Begin the run again in another folder: jbw identify CAMPAIGN --out DIR.",
     )
 
@@ -103,7 +103,7 @@ def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -
     recorded = digests if manifest.inputs is None else manifest.inputs
     for name in sorted(digests | recorded):
         if name not in recorded:
-            raise _other_data(f"{name} is among the campaign's files, but was not before.")
+            raise _other_data(f"{name} was added to the campaign's files since the run began.")
         if name not in digests:
             raise _other_data(f"{name} is no longer among the campaign's files.")
         _require_same(name, recorded[name], digests[name])
@@ -117,7 +117,9 @@ def _require_same(name: str, was: str, now: str) -> None:
 
 def _other_data(what: str) -> DataError:
     return DataError(
-        f"The data file {what}", why="Its chains would continue with other data.", remedy=RESTORE
+        f"The data file {what}",
+        why="The chains of the run would continue with other data.",
+        remedy=RESTORE,
     )
 
 
@@ -132,9 +134,9 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
     if other:
         raise RunError(
             f"The run was begun with {'; '.join(other)}.",
-            why="Its draws would differ from those of an uninterrupted run.",
-            remedy="Install the versions with which it began, or begin a new run in another "
-            "folder.",
+            why="The draws of a resumed run would differ from those of an uninterrupted run.",
+            remedy="Install the versions with which the run was begun, or begin a new run in "
+            "another folder.",
         )
     if manifest.text is not None:
         _require_same_text(manifest.text, campaign)
@@ -144,7 +146,8 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
             raise ConfigError(
                 f"The data file {name} must be in the campaign's folder {folder}, but is not.",
                 why="The manifest of a run may come from another person.",
-                remedy="If you trust these files, allow them: jbw resume DIR --allow-outside.",
+                remedy="If you trust the data files, allow files outside of the campaign's folder: "
+                "jbw resume DIR --allow-outside.",
             )
         try:
             now = hash_of(folder / name)
@@ -166,6 +169,6 @@ def _require_same_text(text: str, campaign: Path) -> None:
             raise ConfigError(
                 f"The campaign file {campaign} changed since the run began: line {number} was "
                 f"{was.strip()!r} and is {is_.strip()!r}.",
-                why="Its chains would continue with another configuration.",
+                why="The chains of the run would continue with another configuration.",
                 remedy=RESTORE,
             )

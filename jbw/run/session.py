@@ -127,7 +127,7 @@ def instructions() -> str:
     with suppress(OSError):
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             name, _, features = line.partition(":")
-            # names of the line with the features on x86 and on Arm
+            # names of the line that lists the processor's features, on x86 and on Arm
             if name.strip() in ("flags", "Features"):
                 return " ".join(sorted(features.split()))
     # On Apple's processors only the kernel's version identifies the processor.

@@ -385,7 +385,7 @@ def _of_records(
 
 
 def created(dataset: xr.Dataset) -> xr.Dataset:
-    """Add the attributes that ArviZ expects to a group: library, version and date."""
+    """Add to a group the attributes that ArviZ expects: library, version and date."""
     from arviz_base import make_attrs
 
     origin = {"inference_library": "jbw", "inference_library_version": version("jbw")}

@@ -140,7 +140,7 @@ def _require_comparable(first: FinishedRun, second: FinishedRun) -> None:
             f"The laws of the two runs must be the same, but {first.folder} has {laws[0]} and "
             f"{second.folder} has {laws[1]}.",
             why="Parameters of different laws cannot be compared.",
-            remedy="Identify both with one law: state the same `laws` in [joint].",
+            remedy="Identify both runs with the same law: state the same `laws` in [joint].",
         )
     for name in _shared(first, second):
         units = [unit_of(run.basis.posterior[name]) for run in (first, second)]
@@ -148,7 +148,7 @@ def _require_comparable(first: FinishedRun, second: FinishedRun) -> None:
             raise ConfigError(
                 f"The units of `{name}` must be the same in both runs, but are `{units[0]}` in "
                 f"{first.folder} and `{units[1]}` in {second.folder}.",
-                remedy="Identify both from responses in units of the same kind.",
+                remedy="Identify both runs from responses of the same physical quantity.",
             )
 
 

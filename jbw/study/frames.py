@@ -31,7 +31,7 @@ def parameter_frame(summary: RunSummary, step: str | None) -> "DataFrame":
         listed = ", ".join(steps) or "none"
         raise ConfigError(
             f"Argument `step` must be a step of the run, but is {name!r}.",
-            remedy=f"{did_you_mean(str(name), steps)}Its steps: {listed}.",
+            remedy=f"{did_you_mean(str(name), steps)}Steps of the run: {listed}.",
         )
     return _frame(steps[name].parameters, PARAMETERS, "parameter")
 
@@ -55,7 +55,7 @@ def backbone_frame(tree: xr.DataTree) -> "DataFrame":
     if node(tree, BACKBONE) is None:
         raise DataError(
             "The study has no backbone: its joint has no mode, or no motion was measured.",
-            remedy="Call `study.table()` for its parameters.",
+            remedy="Call `study.table()` for the parameters.",
         )
     group = branch(tree, BACKBONE, "frequency", "damping")
     frame = _bands(group["amplitude"], group["frequency"], group["damping"])

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 PARTICLES = 400  # With this number of particles, the log evidence is accurate to one nat.
 NUM_AMPLITUDES = 48
-# Bands extend from the smallest measured amplitude divided by this factor, to the largest one times
-# it.
+# Bands extend from the smallest measured amplitude divided by this factor to the largest measured
+# amplitude multiplied by this factor.
 REACH = 3.0
 BEYOND = 1.25  # multiple of the largest amplitude at which a sentence states the bands
 # factor on the variances of the measurement, above which frequency and damping vary clearly more
@@ -145,7 +145,7 @@ def free_law_record(law: FreeLaw | None) -> dict[str, Any] | None:
 
 
 def free_law_sentences(law: FreeLaw | None) -> list[str]:
-    """Return sentences on frequency and damping by the free-form law."""
+    """Return sentences on frequency and damping according to the free-form law."""
     if law is None:
         return []
     high = float(law.rows.y.max())

@@ -33,7 +33,7 @@ from jbw.verification.withheld import is_withheld
 FEW = 4  # number of draws for a first estimate of the amplitude under a load
 # One harmonic is accurate to 1e-5 up to this ratio of the third harmonic to the first.
 ONE_HARMONIC = 1e-3
-MANY = 8  # number of odd harmonics that are computed if that ratio is larger
+MANY = 8  # number of odd harmonics that are computed above the ratio `ONE_HARMONIC`
 TAU = 2.0 * np.pi
 Complexes = NDArray[np.complex128]
 
@@ -83,7 +83,8 @@ def load_on(basis: Basis, load: Load) -> Load:
     if np.isinf(stated) or stated == 0.0:
         raise ConfigError(
             f"Argument `participation` must be a number other than zero, but is {stated:g}.",
-            remedy="Compute it from the matrices, phi^T M r of a mode of unit modal mass.",
+            remedy="Compute `participation` from the matrices, as phi^T M r with the mode shape "
+            "phi scaled to unit modal mass.",
         )
     return load
 
@@ -141,7 +142,7 @@ def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator:
     if basis.beside:
         raise ConfigError(
             "A comparison of several laws has no single joint.",
-            remedy="Load the run of one law.",
+            remedy="Load the run of a single law.",
         )
     theta = basis.draws(draws, gain=1.0)
     return oscillator_of({name: jnp.asarray(x) for name, x in theta.items()}, basis.laws)
@@ -324,6 +325,6 @@ def checked_band(band_hz: tuple[float, float]) -> tuple[float, float]:
     if not 0.0 < low < high < np.inf:
         raise ConfigError(
             f"Argument `band` must rise from a positive frequency, but is {low:g} to {high:g} Hz.",
-            remedy="Give it as `17:20`.",
+            remedy="Give the band as `17:20`.",
         )
     return low, high

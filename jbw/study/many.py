@@ -232,7 +232,8 @@ def _file_of(campaign: str | Path | Campaign) -> Path:
         raise ConfigError(
             f"Campaign `{campaign.name}` has no file.",
             why="A worker process reads the campaign from its file.",
-            remedy="Write its records and campaign file, or identify it by jbw.identify.",
+            remedy="Write the records and the file of the campaign, or identify the campaign with "
+            "jbw.identify.",
         )
     return campaign.path.absolute()
 
@@ -249,8 +250,8 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
                 f"{first} and {other} would both write to {out / name}.",
                 why="A run has the name of its campaign's file, or of the folder around "
                 f"{PLAIN}.toml.",
-                remedy="Rename one, name each campaign once, or identify them separately with "
-                "another `out`.",
+                remedy="Rename one of the two campaign files, name each campaign only once, or "
+                "identify the campaigns separately with different `out`.",
             )
     return {f: (out / name).absolute() for f, name in zip(files, names, strict=True)}
 
@@ -288,7 +289,7 @@ def _require_same_result(task: Task, summary: RunSummary) -> None:
         raise DataError(
             f"{error.filename} cannot be read, so that the run in {task.folder} cannot be checked: "
             f"{error.strerror}.",
-            remedy="Restore it, or leave this campaign out.",
+            remedy=f"Restore {error.filename}, or leave the campaign {task.campaign} out.",
         ) from error
     if summary.campaign_sha256 not in ("", digest_of(text)):
         changed.insert(0, task.campaign)
@@ -307,7 +308,7 @@ def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
     if task.seed is not None and seed is not None and seed != task.seed:
         raise RunError(
             f"The run in {task.folder} was begun with the seed {seed}, not {task.seed}.",
-            remedy="Continue with that seed, or choose another folder `out`.",
+            remedy=f"Continue with the seed {seed}, or choose another folder `out`.",
         )
 
 
@@ -317,13 +318,14 @@ def _outcome_of(task: Task, future: Any) -> RunOutcome:
         return future.result()
     except BrokenProcessPool:
         return _failed(task, RunError(
-            "Its process was killed, perhaps because memory was exhausted.",
-            remedy="Call again to continue from its last checkpoint, with fewer workers.",
+            "The process of the run was killed, perhaps because memory was exhausted.",
+            remedy="Identify the campaign again, with fewer workers: the run continues from its "
+            "last checkpoint.",
         ))  # fmt: skip
     except Exception as error:  # The executor lost a worker or a machine.
         return _failed(task, RunError(
-            f"Its worker was lost: {type(error).__name__} {error}.",
-            remedy="Call again to continue from its last checkpoint.",
+            f"The worker of the run was lost: {type(error).__name__} {error}.",
+            remedy="Identify the campaign again: the run continues from its last checkpoint.",
         ))  # fmt: skip
 
 

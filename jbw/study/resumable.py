@@ -67,7 +67,7 @@ def identified(run: Run, say: Say) -> tuple[xr.DataTree, RunSummary]:
         truth = {**rig_truth["joint"], "gain": rig_truth["gain"]}
     say(f"Reading {path}")
     loaded, doubts = load_with_doubts(path, allow_outside=request.allow_outside)
-    # Doubts are printed at once, because the report follows only minutes later.
+    # Print warnings at once, because the report follows only minutes later.
     for doubt in doubts:
         warnings.warn_explicit(doubt.message, doubt.category, doubt.filename, doubt.lineno)
     if request.final:

@@ -78,14 +78,14 @@ def claim(folder: Path, asked: str = "") -> Path:
     except OSError as error:
         raise RunError(
             f"The output folder {folder} cannot be written: {error.strerror or error}.",
-            remedy="Choose another with --out.",
+            remedy="Choose another output folder with --out.",
         ) from error
     names = sorted(path.name for path in folder.iterdir() if not path.name.startswith(PART))
     if names and not (asked and _asked_in(folder) == asked):
         raise RunError(
             f"The output folder {folder} must be new or empty, but it contains {names[0]}.",
             why="Results of two runs must not be mixed.",
-            remedy="Choose another with --out, or empty it.",
+            remedy="Choose another output folder with --out, or empty the folder.",
         )
     return folder
 

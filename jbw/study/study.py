@@ -389,7 +389,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
     raise ConfigError(
         f"The run in {folder} does not state the path of its campaign file.",
         why="The records of the campaign are needed again.",
-        remedy="Give it with --campaign.",
+        remedy="Give the campaign file with --campaign.",
     )
 
 

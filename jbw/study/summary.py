@@ -276,7 +276,7 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
-    """Return each kind of test's error, predicted from the other kinds; or an empty result."""
+    """Return the error of predicting each kind of test from the other kinds; empty if unknown."""
     group = node(tree, "across_kinds")
     return {} if group is None else across_kinds_record(group.to_dataset())
 

@@ -96,7 +96,7 @@ def _side_by_side[Task: Hashable](
 def _begun[Task](
     pool: futures.ProcessPoolExecutor, function: Callable[[Task], Any], task: Task
 ) -> tuple[futures.Future[Any], futures.ProcessPoolExecutor]:
-    """Start a task; return its future and the process pool, which is made anew if it has ended."""
+    """Start a task; return its future and the process pool, a new pool if the old one has ended."""
     try:
         return pool.submit(function, task), pool
     except BrokenProcessPool:

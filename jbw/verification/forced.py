@@ -84,7 +84,7 @@ class ForcedTests:
     def beside(
         self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
-        """Return the draws that predict a test, namely the draws of its run if this was fitted."""
+        """Return the draws that predict a test: those of its run if that run was fitted."""
         missed = self.missed(test) if discrepancy is None else discrepancy
         references = of_run(self.simpler, self.basis.run_of(test), drive_of(test))
         how = {"seed": self.seed, "references": references}

@@ -30,7 +30,7 @@ from jbw.verification.predicted import ALIKE
 WORST = 2.0  # largest error of a single test of a predictive law, relative to the limit
 # largest error of an approximate law, and largest ratio to a linear oscillator's error
 APPROXIMATE, OF_LINEAR = 0.25, 0.6
-LEAST_COVERAGE = 0.95  # smallest coverage by a 99 % band of a record
+LEAST_COVERAGE = 0.95  # smallest share of a record that its 99 % band must contain
 LEAST_VALUES = 50  # smallest number of values from which coverage is computed
 # ratio of error to variation between repeats up to which noise explains the error
 TO_SCATTER = 1.25
@@ -142,7 +142,7 @@ def status_of(seen: Seen, limit: float) -> Status:
 
 
 def _of_others(graded: Finding) -> Sequence[Amendment]:
-    """Return amendments by which the grade of a law replaces other findings on the law."""
+    """Return changes of findings: the grade of a law replaces other findings on the same law."""
     if graded.status == "not assessed":
         return ()
     others = tuple(code for code in ASKED["law"] if code not in (GRADE, "cause", "no_hysteresis"))

@@ -20,7 +20,7 @@ from jbw.verification.predictive_basis import count_of, seen_of
 
 
 class Group(NamedTuple):
-    """One data group of a test with its predictions, in which complex values are magnitudes."""
+    """One data group of a test with its predictions; magnitudes replace complex values."""
 
     label: str
     measured: Float[np.ndarray, " value"]  # mean of the repeats

@@ -62,8 +62,8 @@ def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Compl
     record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
     matched = match(structure, record, seen)
     start = jnp.append(matched.entry.state, matched.entry.shift)
-    # As for one mode, a short start has the noise of the fitted records, and the shift has its
-    # prior.
+    # As for one mode, the noise of the fitted records determines how well a short start is known;
+    # the frequency shift also has its prior.
     precision = matched.precision * seen.fraction / seen.groups.noise_std[0] ** 2
     covariance = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
     centre = -covariance[:, -1] * matched.entry.shift / seen.shift_std**2

@@ -1,4 +1,4 @@
-r"""Residual constants of single tests, fitted to each test itself, in predictions.
+r"""Predictions with residual constants that are fitted to each test separately.
 
 $$\min_{U, L} \sum \bigl(y - \hat y - (U + L/\omega^2)\,u\bigr)^2$$
 

@@ -112,5 +112,5 @@ def _require_positive(**values: float) -> None:
             example = {"sweep": "10:25", "stepped": "15:22"}.get(name, "1")
             raise ConfigError(
                 f"Argument `{name}` must be positive, but is {value:g}.",
-                remedy=f"Give it, as in --{name} {example}.",
+                remedy=f"Give a positive value, for example --{name} {example}.",
             )

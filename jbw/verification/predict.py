@@ -143,8 +143,8 @@ def _require_point_known(basis: Basis, test: Test) -> None:
         raise DataError(
             f"Test `{test.name}` is measured at `{test.point}`, but the run has "
             f"{', '.join(basis.points) or 'only one point'}.",
-            remedy="Use the names of the points in the run's campaign, or identify from tests "
-            "at that point.",
+            remedy="Use the names of the points in the run's campaign, or identify from tests at "
+            f"the point `{test.point}`.",
         )
 
 
@@ -160,7 +160,7 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
-    """Return the law, among compared ones, that best predicts a test's kind and amplitude."""
+    """Return the compared law that best predicts tests of the given kind and amplitude."""
     if basis.has_fitted(test):
         return basis
     if basis.across is not None and not basis.has_fitted_kind(test.kind):

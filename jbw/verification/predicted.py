@@ -125,14 +125,14 @@ class Source:
         num_repeats: float = 1.0,
         share: float = 1.0,
     ) -> tuple[NDArray[Any], dict[str, NDArray[Any]], float | None]:
-        """Return draws about the law's prediction, reference models, and the noise for bands.
+        """Return draws centred on the law's prediction, reference models, and the noise for bands.
 
         The last value is the result of `std`.
         """
         return *about_law(model, others), self.std(known, model, num_repeats, share)
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
-        """Return the predictions by all draws, and by each reference model by name.
+        """Return the predictions of all draws, and those of each reference model by its name.
 
         If the draws include a model discrepancy, the law without it is a reference named `LAW`.
         """
@@ -186,15 +186,15 @@ def source_of(
 
 
 def is_measured(test: Test) -> bool:
-    """Return whether a test has a measured response, or is only planned."""
+    """Return True if a test has a measured response, and False if it is only planned."""
     record = test.records[0]
     return bool(np.any(np.isfinite(record.channels[record.response])))
 
 
 def carry(predict: Callable[..., PyTree], draws: Draws, *args: Any) -> PyTree:
     """Evaluate a prediction for every draw, several in parallel, by one compiled program."""
-    # `predict` must be a function of a module, because its compiled program is then found again. In
-    # this program all of `args` except arrays are constant.
+    # Define `predict` at module level: only then is its compiled program reused. In the program
+    # all of `args` except arrays are constants.
     return at_points(_prediction, draws, (predict, args), lanes=min(LANES, count_of(draws)))
 
 

@@ -75,10 +75,11 @@ class Basis:
     # Draws of omega_n and zeta in each fitted run, one for each evenly spaced posterior draw; None
     # without run offsets.
     runs: xr.Dataset | None = None
-    # Other laws, each with its share of the draws. Tests and noise are those of this law.
+    # Other laws, each with its share of the draws. The tests and the noise of this basis apply to
+    # all of them.
     beside: tuple[tuple[float, "Basis"], ...] = ()
-    # Compared laws that predict beyond the fitted amplitudes, and other kinds of test; None: this
-    # law does.
+    # Compared laws that predict tests beyond the fitted amplitudes (`outward`) and other kinds of
+    # test (`across`). If None, the law of this basis predicts these tests.
     outward: "Basis | None" = None
     across: "Basis | None" = None
     # Residual terms that only some units of a population have; predictions of new units omit them.
@@ -98,8 +99,8 @@ class Basis:
         if num_draws < 2:
             raise ConfigError(
                 f"Argument `draws` must be at least 2, but is {num_draws}.",
-                why="The ends of a band need draws.",
-                remedy="A 99 % band needs some 100 draws.",
+                why="The ends of a band are quantiles of several draws.",
+                remedy="Give about 100 draws or more for a 99 % band.",
             )
         chosen = self.posterior if posterior is None else posterior
         return thin(chosen, num_draws, self.held, laws=self.laws)
@@ -311,7 +312,10 @@ def basis_of(tree: xr.DataTree) -> Basis:
 
 
 def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Dataset:
-    """Return the posterior that predicts free decays: their separate one, if it has the joint."""
+    """Return the posterior of the free decays alone if it has the joint, else the given posterior.
+
+    Free decays are predicted with this posterior.
+    """
     place = "/steps/decay/posterior"
     own = tree[place].to_dataset() if place in tree.groups else posterior
     of_joint = {quantity.name for quantity in quantities_of(laws)} & set(posterior)

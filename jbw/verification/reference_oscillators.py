@@ -26,7 +26,7 @@ from jbw.observables.residual_terms import bounds, neighbours_of
 from jbw.oscillator.modes.assembled import is_assembled
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
-FREELY = 1e3  # factor on the allowed variation between runs, with which it hardly restricts the fit
+FREELY = 1e3  # factor on the variation between runs, so large that it hardly restricts the fit
 # largest force of the cubic spring at the largest displacement, relative to the linear force
 STIFFEST = 10.0
 

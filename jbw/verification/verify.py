@@ -40,8 +40,8 @@ from jbw.verification.withheld import is_withheld, without_band
 # If the law's error is this many times that of a simpler oscillator, the oscillator is the better
 # model.
 BETTER = 1.1
-# This factor is the root of 2, because noise may explain the whole error of both oscillators if
-# these are equal, and the band contains this noise a second time.
+# This factor is the root of 2. If both oscillators have equal errors, noise may explain all of the
+# error, and the band contains this noise twice.
 NOISE_BESIDE = 2**0.5
 REACH = float(norm.ppf(QUANTILES[-1]))  # half width of a 99 % band, in standard deviations
 SIMPLER = ("linear", "cubic")

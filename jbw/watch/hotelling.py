@@ -42,7 +42,8 @@ def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceRea
     if num <= p:
         raise ConfigError(
             f"A reference for {p} values needs at least {p + 1} records, but has {num}.",
-            why="With fewer records, their variation is not known in every direction.",
+            why=f"With fewer than {p + 1} records, the variation between records is unknown in "
+            "some direction.",
             remedy="Add records without change, or use only one amplitude.",
         )
     mean = readings.mean(axis=-2)

@@ -121,7 +121,7 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
             raise DataError(
                 f"`{record.name}` has other modes of {share:.1%} of its displacement at "
                 f"{amplitude:g} {unit}; at most {OTHER_MODES:.0%} are allowed.",
-                why="The joint then moves by more than its own mode, and dissipates more.",
+                why="Other modes add to the motion of the joint, which then dissipates more.",
                 remedy="Use a lower amplitude, at which other modes have decayed.",
             )
     return RecordReading(*_compared(read), max(other_modes))
@@ -133,7 +133,7 @@ def _table(record: Record, test: Test) -> ModeReading:
     if response not in record.channels:
         raise DataError(
             f"`{record.name}` has no {response}, which is the response of test `{test.name}`.",
-            remedy="Give a record with the same channels.",
+            remedy="Give a record with the same channels as the records of the run.",
         )
     filter_of(test)  # For a test without a band, this line raises an error.
     alone = replace(test, records=(record,), name=record.name)
@@ -202,7 +202,7 @@ def trend_of(
     if torque is None:
         raise DataError(
             "The run's campaign does not state the torque of its joint.",
-            remedy="State it in [assembly] torque, or leave --population out.",
+            remedy="State the torque in [assembly] torque, or leave --population out.",
         )
     _require_known(fleet, amplitudes, test)
     population = population_of(fleet, report=report)
@@ -210,7 +210,7 @@ def trend_of(
     if (status := population.result.status) != "ok":
         raise DataError(
             f"The status of the population is {status}.",
-            why="A change of torque would be stated with more confidence than there is.",
+            why="A change of torque would be stated more precisely than the fleet justifies.",
             remedy="Collect more units, look with jbw population, or leave --population out.",
         )
     before, raised = (

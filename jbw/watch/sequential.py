@@ -209,7 +209,7 @@ def updated(
 
 
 def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
-    """Return a run's data, restricted to its fitted decays, then the decays, and their test."""
+    """Return a run's data (with only its fitted decays), the decays alone, and their test."""
     require_one_joint(campaign.joints, watch.CARRIED)
     gain = force_per_unit(campaign)
     tests, _, line_fit = usable(campaign.tests, campaign.settings, gain)
@@ -223,7 +223,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     if seen.decays is None or [part.kinds for part in data.parts] != [Decays.kinds]:
         raise DataError(
             "The run was also fitted to tests other than free decays.",
-            why="Their part of the posterior cannot be updated record by record.",
+            why="The posterior of tests other than decays cannot be updated record by record.",
             remedy="Identify the joint again with the new records in its campaign.",
         )
     test, facts = seen.decays.fitted, json.loads(str(study.tree.attrs.get("decay", "{}")))
@@ -250,7 +250,8 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
         raise DataError(
             f"`{records[-1].name}` is shorter than the records of the run.",
             why="All records are compared over the same duration.",
-            remedy="Record as long as before, or identify the joint again.",
+            remedy="Make the record as long as the records of the run, or identify the joint "
+            "again.",
         )
     return counting(longer, float(part.fraction))
 
@@ -275,8 +276,8 @@ def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
     if not sd < SAME:
         raise DataError(
             f"The likelihood of the run's draws cannot be reproduced: it differs by {sd:.2g} nats.",
-            why="The run is a quick one, whose draws are those of a Gaussian, or its weights "
-            "or solver steps differ from those that its campaign states now.",
+            why="The run is a quick run, whose draws are those of a Gaussian, or the weights or "
+            "solver steps of the run differ from those that its campaign states now.",
             remedy="Identify the joint again with the new records in its campaign.",
         )
 

@@ -206,7 +206,7 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
     if name is not None and name not in decays:
         raise ConfigError(
             f"`--test` must name a test of free decays, but is {name!r}.",
-            remedy=f"The campaign has {', '.join(decays) or 'none'}.",
+            remedy=f"The tests of free decays in the campaign are: {', '.join(decays) or 'none'}.",
         )
     if not decays:
         raise DataError(
@@ -235,7 +235,7 @@ def _begun(test: Test, name: str, wishes: Wishes) -> WatchSettings:
     if not 0 < false_alarms < 0.5:
         raise ConfigError(
             f"`--false-alarms` must lie between 0 and 0.5, but is {false_alarms:g}.",
-            remedy="It is the rate of false alarms per record, such as 1e-3.",
+            remedy="Give the rate of false alarms per record, such as 1e-3.",
         )
     amplitudes = wishes.amplitudes or (common_amplitude(test),)
     if not all(0 < amplitude < np.inf for amplitude in amplitudes) or len(set(amplitudes)) < len(
@@ -252,8 +252,8 @@ def _begun(test: Test, name: str, wishes: Wishes) -> WatchSettings:
         raise ConfigError(
             f"`--reference` must be at least {least} for {len(amplitudes)} amplitudes, but is "
             f"{number}.",
-            why="With fewer records their variation is hardly known, and no change would be "
-            "detected.",
+            why=f"With fewer than {least} records the variation between records is hardly known, "
+            "and no change would be detected.",
             remedy="Begin with more records without change, or use only one amplitude.",
         )
     unit = test.records[0].units.get(test.records[0].response, "")
@@ -287,8 +287,8 @@ def _require_same(settings: WatchSettings, wishes: Wishes) -> None:
         if wished is not None and wished != has:
             raise ConfigError(
                 f"`{option}` is {wished}, but the watch began with {has}.",
-                why="Its values and rates of false alarms would not be comparable.",
-                remedy="Leave the option out, or move watch.jsonl away and begin a new watch.",
+                why="The values of the watch and its rate of false alarms would not be comparable.",
+                remedy=f"Leave `{option}` out, or move watch.jsonl away and begin a new watch.",
             )
 
 
@@ -329,8 +329,8 @@ def read_log(path: Path) -> list[dict[str, Any]]:
         if not isinstance(kind, str):
             raise RunError(
                 f"Line {number} of {path} is not valid in the log of a watch.",
-                why="The statements on later records depend on it.",
-                remedy="Restore the file from a copy, or move it away and begin a new watch.",
+                why="The statements on later records depend on every line of the log.",
+                remedy="Restore the log from a copy, or move the log away and begin a new watch.",
             )
         entries.append(entry)
     return entries
@@ -382,6 +382,6 @@ def _append_bytes(path: Path, content: bytes) -> None:
 def _unwritable(path: Path, error: OSError) -> RunError:
     return RunError(
         f"{path} cannot be written: {error.strerror or error}.",
-        why="What was written before is complete.",
+        why="All records that were added before are complete in the log.",
         remedy="Free some space, or make the folder writable, and add the record again.",
     )

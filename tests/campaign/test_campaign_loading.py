@@ -211,7 +211,7 @@ def test_swapped_channels_are_doubted(folder):
         samples = signals(i)
         turned = {"input": samples["velocity"], "velocity": samples["input"]}
         write_hdf5(folder / f"noise_{i}.h5", Record(FS, turned, UNITS), names=NAMES)
-    with pytest.warns(UserWarning, match="more peaked than that of the response"):
+    with pytest.warns(UserWarning, match="more peaked than the spectrum of the response"):
         load_campaign(campaign_file(folder))
 
 

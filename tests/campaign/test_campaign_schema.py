@@ -124,7 +124,7 @@ WRITE = re.compile(r"Write line (\d+) as `([^`]+)`")
         ('"sweep_*.h5"', r"C:\data\x.csv", "line 7 has a word without quotes"),
         ("level = 0.2", "level = 0,2", "line 8 has a decimal comma"),
         ("[5.0, 40.0]", "[5,05, 40,0]", "line 11 has a decimal comma"),
-        ("level = 0.2", "level = .2", "line 8 has a number that begins or ends with its decimal"),
+        ("level = 0.2", "level = .2", "line 8 has a number without a digit before or after"),
         ('kind = "sweep"', "kind = sweep  # up", "line 6 has a word without quotes"),
         ('"mm/s"', "mm/s", "line 10 has a word without quotes"),
         ("level = 0.2", "level = 0.2\nremove_mean = True", "line 9 has a word without quotes"),
@@ -169,7 +169,7 @@ def test_a_pasted_line_is_put_into_the_table_that_stands(stated, pasted, key, va
 
 def test_a_key_or_a_table_that_stands_twice_is_named():
     text = changed("level = 0.2", "level = 0.2\nsettle = 1.0\nsettle = 2.1")
-    assert "line 10 states `settle` again, after line 9. Keep one of lines" in " ".join(
+    assert "line 10 states `settle` again, after line 9. Keep only one of" in " ".join(
         refused(text).split()
     )
     roles = changed("level = 0.2", "level = 0.2\nscale.input = 2.0\nscale.velocity = “1.0”")
@@ -177,7 +177,7 @@ def test_a_key_or_a_table_that_stands_twice_is_named():
     first = GOOD.split("\n").index("[identify]") + 1
     again = refused(f"{GOOD}\n[identify]\nseed = 3\n")
     assert f"opens [identify] again, after line {first}." in again
-    assert f"Put its keys below line {first}" in again
+    assert f"to the keys below line {first}" in again
 
 
 @pytest.mark.parametrize("factors", ['{ input = "2" }\nscale.input = "3"',
@@ -205,7 +205,7 @@ def test_an_escape_that_a_path_became_is_named():
 
 def test_decimal_commas_between_bounds_are_named():
     message = refused(changed("[5.0, 40.0]", "[5,5, 40,25]"))
-    (band,) = re.findall(r"with decimal points they are (\[[^]]+\])", message)
+    (band,) = re.findall(r"with decimal points, write (\[[^]]+\])", message)
     assert parse(changed("[5.0, 40.0]", band)).tests[0].band == (5.5, 40.25)
 
 

@@ -52,7 +52,7 @@ def test_a_file_that_does_not_fit_leaves_the_old_one_whole(tmp_path):
     assert code == 0, stderr
     message = printed.decode()
     assert f"{tmp_path / 'a.checkpoint'} cannot be written" in message
-    assert "What was saved before is complete" in message
+    assert "All files that were saved before are complete" in message
     assert "Free some space" in message
     assert (tmp_path / "a.checkpoint").read_bytes() == b"old"
     assert [path.name for path in tmp_path.iterdir()] == ["a.checkpoint"]

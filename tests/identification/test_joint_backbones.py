@@ -100,7 +100,7 @@ def test_joints_do_to_a_mode_what_scipy_has_in_the_shape_that_they_leave_it(data
     # The shape of full stick has three quarters of the losses: 1.3 % of damping for 1.85 %.
     assert modes.at_medians.added[0, -1] < 0.8 * added
     assert bool(first["shape_is_free"])
-    assert "in its shape at that motion" in joints_words(group)[0]
+    assert "with the mode shape at this motion" in joints_words(group)[0]
 
 
 @pytest.mark.slow

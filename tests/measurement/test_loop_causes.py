@@ -68,7 +68,7 @@ def test_sliders_leave_the_noise_of_a_sound_loop():
     ("spoil", "what", "size", "remedy"),
     [
         (late, "The force lags the displacement by (.*) s", 0.05, "`delay = "),
-        (high_passed, "a time constant of (.*) s, as a high", 6.0, "strain gauge"),
+        (high_passed, "a time constant of (.*) s, as with the high", 6.0, "strain gauge"),
         (slipped, "The displacement jumps by (.*) m at 10 s", 2e-4, "span = ["),
     ],
 )

@@ -276,7 +276,7 @@ def outside(**methods):
         ({"force": lambda self, y, v, m: self.oil_c * y}, r"`stiffness` must be the slope"),
         (
             {"loop": lambda self, y, omega=0.0: Loop(0.0 * y, 2.0 * omega * self.oil_c + 0.0 * y)},
-            r"`loop` must be the first harmonic .*1585.9j, but is 0\+3171.8j",
+            r"`loop` must be the first harmonic .*1585.9j, but the found value is 0\+3171.8j",
         ),
         (
             {"harmonics": lambda self, q, max_turns, omega=0.0: 0.0 * q},

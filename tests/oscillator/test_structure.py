@@ -255,7 +255,7 @@ def test_records_beside_each_other_and_several_outputs():
         ({"omega_n": np.array([118.0, -3.0])}, ModelError, "`omega_n` .* mode 1 is -3"),
         ({"zeta": np.array([0.005, -0.1])}, ModelError, "`zeta` .* at least 0"),
         ({"omega_n": np.array([118.0, np.nan])}, ModelError, "must be finite"),
-        ({"omega_n": np.array([118.0, 1e4])}, ConfigError, "a step can follow at most pi"),
+        ({"omega_n": np.array([118.0, 1e4])}, ConfigError, "a step can resolve at most pi rad"),
     ],
 )
 def test_what_cannot_be_meant_is_refused_in_one_sentence(changed, error, said):

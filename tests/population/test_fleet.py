@@ -122,8 +122,8 @@ def test_what_has_no_logarithm_in_one_unit_is_named_and_left_out(tmp_path):
         ({"laws": ("bouc_wen", "cubic")}, "different laws", "same \\[joint\\] laws"),
         ({"units": {**UNITS, "zeta": "%"}}, "have zeta in different units: 1, and %", "same unit"),
         ({"versions": {**VERSIONS, "jax": "0.1"}}, "versions of jax: 0.12.0, and 0.1", "--mixed"),
-        ({"inputs": {"x": "hash of A"}}, "A and B are of the same records", "Give one of them"),
-        ({"assembly": {"torque": 3.0}}, "`torque` is stated for 1 of 2 runs.* A\\.", "all of them"),
+        ({"inputs": {"x": "hash of A"}}, "A and B are of the same records", "Give only one"),
+        ({"assembly": {"torque": 3.0}}, "`torque` is stated for 1 of 2 runs.* A\\.", "leave out A"),
         ({"assembly": {"torque": -3.0}}, "Run B: `torque` must be positive", "in N m"),
         ({"assembly": {"torque": "x"}}, "Run B: `torque` must be a finite number.*'x'", "Correct"),
         ({"draws": {"omega_n": np.array([[1.0, np.nan]])}}, "of omega_n in .*be finite", "again"),
@@ -191,6 +191,6 @@ def test_the_command_says_what_is_wrong_with_a_table_of_covariates(tmp_path, cap
     table = tmp_path / "units.csv"
     table.write_text("unit,torque\nA,8\n")
     assert run(["collect", *runs, "--covariates", str(table)]) == 2
-    assert "units.csv, line 2: needs another run" in capsys.readouterr().err
+    assert "units.csv, line 2: must name a run" in capsys.readouterr().err
     assert run(["collect", str(tmp_path)]) == 3
     assert "contains no finished run" in capsys.readouterr().err

@@ -306,7 +306,7 @@ def test_what_cannot_be_pooled_is_named(tmp_path, plain, without_nuts):
     fleet, pooled = plain
     with pytest.raises(ConfigError, match="has no softenin"):
         jbw.population_of(fleet, parameters=["softenin"])
-    with pytest.raises(ConfigError, match="No pooled quantity has the name omega"):
+    with pytest.raises(ConfigError, match="omega cannot saturate"):
         jbw.population_of(fleet, saturating=["omega"])
     with pytest.raises(ConfigError, match="above zero"):
         new_units(pooled, fleet, -1.0)
@@ -347,7 +347,7 @@ def test_covariates_and_units_that_are_too_few_are_refused(plain, tmp_path, caps
     some = fleet.copy(deep=True)
     sequence = ("unit", [1.0, 2.0, np.nan, 1.0, 2.0, 3.0])
     some.dataset = fleet.to_dataset().assign(sequence=sequence)
-    with pytest.raises(DataError, match="Every unit must state a positive sequence"):
+    with pytest.raises(DataError, match="Every unit or no unit must state a positive sequence"):
         jbw.population_of(some)
     path = tmp_path / "same.nc"
     write_fleet(path, made(tmp_path / "same", torques=(5.0, 5.0, 5.0)))

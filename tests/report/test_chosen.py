@@ -33,7 +33,7 @@ def test_the_ends_of_what_was_fitted_and_a_held_out_test_stand_for_all():
 def test_few_tests_are_all_drawn_and_leave_no_rest():
     few = DAYS[:3]
     assert selected(few, "chosen") == few
-    with pytest.raises(DataError, match="no other test of this kind"):
+    with pytest.raises(DataError, match="All tests of this kind are already drawn"):
         selected(few, "rest")
 
 
@@ -51,7 +51,7 @@ def test_without_a_held_out_test_further_levels_fill_up():
 
 
 def test_another_part_is_refused():
-    with pytest.raises(ConfigError, match="`part` must be chosen"):
+    with pytest.raises(ConfigError, match="`part` must be 'chosen'"):
         selected(DAYS, "some")
 
 

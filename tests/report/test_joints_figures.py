@@ -109,5 +109,5 @@ def test_modes_that_are_hardly_seen_have_no_column():
     backbones["displacement"][1] = np.nan
     assert mode_backbones(xr.DataTree.from_dict({"/backbones": backbones})).shape == (3, 1)
     backbones["displacement"][:] = np.nan
-    with pytest.raises(DataError, match="hardly sees any mode"):
+    with pytest.raises(DataError, match="hardly moves in the modes"):
         mode_backbones(xr.DataTree.from_dict({"/backbones": backbones}))

@@ -52,8 +52,12 @@ def test_every_mode_has_a_column(monkeypatch):
     assert axes.shape == (3, 2)
     (frequency,) = axes[0, 0].lines[:1]
     np.testing.assert_allclose(frequency.get_ydata(), 100 / (2 * np.pi))
-    assert [text.get_text() for text in axes[0, 0].texts] == ["1:3 with mode 2\nat 0.00 mm"]
-    assert "ends at 0.500 mm,\nat a fold or too many turns" in axes[0, 1].get_title(loc="left")
+    assert [text.get_text() for text in axes[0, 0].texts] == [
+        "resonance 1:3 with\nmode 2 at 0.00 mm"
+    ]
+    assert "ends at 0.500 mm\n(fold, or too many turning points)" in axes[0, 1].get_title(
+        loc="left"
+    )
     assert axes[2, 0].get_xlabel() == "amplitude at the joint [mm]"
 
 

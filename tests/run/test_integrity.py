@@ -150,7 +150,7 @@ def test_a_kill_between_both_files_of_a_result_names_what_completes_it(tmp_path,
     assert killed.returncode == -signal.SIGKILL
     assert command(["report", str(begun.folder)]) == 3
     said = " ".join(capsys.readouterr().err.split())
-    assert f"Finish it: jbw resume {begun.folder}" in said
+    assert f"Finish the run: jbw resume {begun.folder}" in said
     # What `jbw resume` takes up: a run whose result is a first answer still.
     again = reopen(begun.folder)
     assert again is not None

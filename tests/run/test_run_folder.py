@@ -100,7 +100,7 @@ def test_a_second_process_is_refused_and_a_dead_ones_lock_taken_over(tmp_path):
         assert process.stdout is not None
         assert process.stdout.readline() == "held\n"
         for attempt in (lambda: begin(tmp_path, ASKED), lambda: reopen(tmp_path)):
-            with pytest.raises(RunError, match=f"number {process.pid}") as caught:
+            with pytest.raises(RunError, match=f"process {process.pid}") as caught:
                 attempt()
             assert str(tmp_path) in caught.value.what
             assert "another folder" in caught.value.remedy
@@ -179,7 +179,7 @@ def test_changed_data_are_refused_with_their_file(read):
     with pytest.raises(DataError, match=r"sweep\.h5 cannot be read: No such file"):
         require_unchanged(manifest, campaign)
     for digests, says in (
-        ({str(data): manifest.inputs["sweep.h5"], "/new.h5": "1"}, "new.h5 is among"),
+        ({str(data): manifest.inputs["sweep.h5"], "/new.h5": "1"}, "new.h5 was added"),
         ({}, "sweep.h5 is no longer among"),
         ({str(data): "1"}, "sweep.h5 changed"),
     ):

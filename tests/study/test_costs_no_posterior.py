@@ -94,7 +94,7 @@ def test_comparisons_that_fail_leave_the_posterior_and_are_named(tmp_path, monke
     codes = {one.code: one for one in found.verdict.findings}
     assert "incomplete_checks" not in {one.code for one in whole.verdict.findings}
     assert codes["incomplete_checks"].status == "not assessed"
-    assert "the fit without each test" in codes["incomplete_checks"].reason
+    assert "the fits that each omit one test" in codes["incomplete_checks"].reason
     monkeypatch.setattr(figures.FIGURE_LIST[0].__class__, "draw", property(lambda _: failing))
     found.save(tmp_path / "run")
     assert (tmp_path / "run" / "posterior.nc").is_file()

@@ -84,7 +84,7 @@ def test_opensees_has_the_joints_at_their_degrees_of_freedom(tmp_path):
         assert joint.spring == pytest.approx(K - alpha, rel=1e-14)
         # a, k0, n, gamma, beta, A: jbw's delta and gamma are called gamma and beta there.
         assert joint.material == pytest.approx((0.0, alpha, 1.0, delta, gamma, 1.0), rel=1e-14)
-    assert "# Mode 2 with fully stuck joints: 90.469 Hz (90.469 Hz by the matrices)" in text
+    assert "# Mode 2 with fully stuck joints: 90.469 Hz (the matrices predict 90.469 Hz)" in text
     assert "damping ratio 0.4 %" in text
 
 
@@ -370,7 +370,10 @@ def test_joints_of_a_tie_share_their_law_and_no_law_is_said(tmp_path):
     text = (written(tmp_path / "one", alone) / "joints.tcl").read_text()
     assert len(joints_read(text)) == 1
     assert "bolt_2 moves by" in text
-    assert "stuck is 1.5e+07 N/m, which the model lacks: add it as a spring." in text
+    assert (
+        "stuck joint is 1.5e+07 N/m. The model does not contain this stiffness: add a spring."
+        in text
+    )
 
 
 def test_where_the_matrices_hold_the_joints_the_spring_is_to_be_replaced(tmp_path):

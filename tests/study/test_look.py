@@ -201,7 +201,7 @@ def test_records_that_relax_are_no_softening_joint():
     differ, nothing = found.sentences
     # Their standard deviation: 1e-3 sqrt(3.5).
     assert trend(tables, "hz").scatter == pytest.approx(1e-3 * np.sqrt(3.5), rel=0.1)
-    assert "The difference grows with the order of the records" in differ
+    assert "The difference grows from record to record" in differ
     assert nothing.startswith("Nonlinear: not detected.")
 
 
@@ -453,7 +453,7 @@ def test_scatter_within_a_day_stands_against_that_between_days():
     (said,) = days(rows)
     assert "3 sessions or assemblies" in said
     # 0.01 and 0.1 Hz of 18.9 Hz.
-    assert "frequency 0.053 % within them, 0.53 % between" in said
+    assert "frequency 0.053 % within a session, 0.53 % between" in said
     assert days([row(1e-3, 18.8), row(2e-3, 18.7)]) == []
     # Levels are not compared with one another.
     assert days([row(1e-3, 18.8, run="a"), row(2e-3, 18.7, run="b", level=2.0)]) == []

@@ -136,8 +136,8 @@ class Lost:
 def test_a_lost_worker_is_a_failed_campaign(campaigns, tmp_path):
     (found,) = jbw.identify_many(campaigns[1:], tmp_path / "runs", executor=Lost())
     assert found.status == "failed"
-    assert "worker was lost: ConnectionError no route to node 7" in found.error
-    assert "Call again" in found.error
+    assert "worker of the run was lost: ConnectionError no route to node 7" in found.error
+    assert "Identify the campaign again" in found.error
 
 
 def test_the_command_tells_each_and_ends_as_the_first_that_failed(

@@ -93,7 +93,7 @@ def test_where_no_law_leaves_noise_alone_the_smallest_error_decides(tmp_path):
     seen = measured_in(taps(tmp_path, "cubic"), lambda _: None)
     measured, _, sentence = chosen(seen, ("quadratic_damping", "quintic"), 0, lambda _: None)
     assert measured.laws == ("quintic",)
-    assert "no tried law leaves only noise" in sentence
+    assert "the residual of every tried law exceeds noise" in sentence
 
 
 def test_a_law_that_cannot_be_solved_is_passed_over(tmp_path, monkeypatch):

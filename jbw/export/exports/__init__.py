@@ -33,7 +33,8 @@ def programs_named(names: Sequence[str]) -> tuple[Program, ...]:
     for name in names:
         if name not in PROGRAMS:
             raise ConfigError(
-                f"Argument `to` must consist of names of programs, but `{name}` is none.",
-                remedy=f"{did_you_mean(name, PROGRAMS)}Known: {', '.join(PROGRAMS)}.",
+                f"Argument `to` must consist of names of programs, but `{name}` is not the name of "
+                "a program.",
+                remedy=f"{did_you_mean(name, PROGRAMS)}Programs: {', '.join(PROGRAMS)}.",
             )
     return tuple(PROGRAMS[name] for name in dict.fromkeys(names))

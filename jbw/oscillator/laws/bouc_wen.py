@@ -26,8 +26,8 @@ _ALPHA, _DELTA, _GAMMA = BOUC_WEN
 
 # Prior range of alpha as a share of the whole stiffness: from almost none to nearly all.
 SHARE = (0.0005, 0.9)
-# Under a prescribed displacement, the joint may have all of the stiffness; a wide loop is then
-# softer than small motion.
+# Under a prescribed displacement, the joint may have all of the stiffness. A loop of large
+# amplitude is then softer than a loop of small amplitude.
 FORCED_SHARE = (0.01, MOST_SOFTENING)
 REACH = 4.0  # upper prior bound of alpha delta and alpha gamma, relative to the fitted value
 
@@ -252,7 +252,7 @@ class BoucWenLaw(Law):
             raise ModelError(
                 f"Initial z = {memory} N/kg is above the largest force of the joint, "
                 f"alpha/(delta + |gamma|) = {limit / softening} N/kg.",
-                remedy="Start below it, or from rest.",
+                remedy="Start from a smaller |z|, or from rest (z = 0).",
             )
 
     def doubts(self) -> str | None:

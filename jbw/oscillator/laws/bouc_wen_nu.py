@@ -91,7 +91,7 @@ class BoucWenNu(Law):
             {"nu_stiffness": 1, "nu_softening": 1},
         ),
         Monomial(
-            Quantity("nu_alpha_g", "α_ν g_ν", "1/s^2", "opening of the loop at 1 mm, by stiffness"),
+            Quantity("nu_alpha_g", "α_ν g_ν", "1/s^2", "opening of the loop at 1 mm * stiffness"),
             {"nu_stiffness": 1, "nu_opening": 1},
         ),
     )
@@ -252,7 +252,7 @@ class BoucWenNu(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return the spring's stretch after a step with a reversal, and how the kink changes v, y.
+        """Return the spring's stretch after a reversal, and the changes of v and y due to its kink.
 
         The force's slope jumps by 2 alpha g |w|^nu at the kink.
         """
@@ -326,8 +326,8 @@ class BoucWenNu(Law):
         limit = stretch_path.stretch_limit(jnp.maximum(*self._factors()), self.nu)
         w = stop_gradient(jnp.clip(0.5 * y[0], -_INSIDE * limit, _INSIDE * limit))
         w, slope = jax.lax.fori_loop(0, _PERIODS, newton, (w, jnp.zeros_like(w)))
-        # These two steps change no digit of the solution; they give it its first and second
-        # derivative.
+        # These two steps do not change the value of the solution; they make its first and second
+        # derivatives correct.
         for _ in range(2):
             w = toward(w, _along(self, steps, w)[0], slope)
         _, after = _along(self, steps, w)
@@ -336,8 +336,8 @@ class BoucWenNu(Law):
 
 def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Array, Array]:
     """Return the spring's stretch after several moves in a row, and after each of these moves."""
-    # Divide each move, because one step between two angles may miss the range in which slip begins
-    # in long slip.
+    # Divide long moves, because one step between two angles may miss the short range in which slip
+    # begins.
     most = jnp.max(jnp.abs(jnp.stack(law._factors())))
     longest = _SHORT * stretch_path.stretch_limit(most, law.nu)
 

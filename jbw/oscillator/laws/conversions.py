@@ -148,8 +148,10 @@ def _scalars(joint: Any, mass: float) -> tuple[float, ...]:
         raise ModelError(
             "Parameter `restoring` must be None for a conversion, but is of kind "
             f"{type(joint.restoring).__name__}.",
-            why="The other conventions have only a linear spring and the hysteretic force.",
-            remedy="Add the other force as a separate spring in the other program.",
+            why="The conventions of other programs have only a linear spring and the hysteretic "
+            "force.",
+            remedy="Convert the oscillator without `restoring`, and add the restoring force as a "
+            "separate spring in the other program.",
         )
     leaves = joint.omega_n, joint.zeta, joint.alpha, joint.delta, joint.gamma
     return tuple(float(leaf) for leaf in leaves)

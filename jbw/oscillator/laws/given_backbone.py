@@ -172,7 +172,7 @@ def _require_softening(curve: PchipInterpolator, x: np.ndarray, force: np.ndarra
     if chords[0] <= 0.0 or chords[-1] < 0.0:
         raise ConfigError(
             "The force of a virgin curve must rise from 0 and never fall, but its slope goes from "
-            f"{chords[0]:g} to {chords[-1]:g} 1/s^2. Past its peak, end the curve."
+            f"{chords[0]:g} to {chords[-1]:g} 1/s^2. End the curve at the peak of the force."
         )
     rises = np.flatnonzero(np.diff(chords) > _RISES * chords[0])
     if len(rises):

@@ -56,7 +56,7 @@ class MasingPower(Masing):
         return 0.0 * self.power_loss
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the power of length to add to the unit of the loss, which is stated at 1 mm."""
+        """Return the power of length to add to the unit of the loss parameter, a value at 1 mm."""
         return {"power_loss": -self.power_exponent}
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
@@ -112,7 +112,7 @@ class Iwan4(Masing):
             "iwan_loss", "κ_I", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0, is_open=True
         ),
         Quantity("iwan_chi", "χ", "1", "exponent of the sliders' density", -1.0, is_open=True),
-        Quantity("iwan_beta", "β", "1", "stiffness of the last sliders over the others'", 0.0),
+        Quantity("iwan_beta", "β", "1", "stiffness of the last / of all other sliders", 0.0),
     )
 
     iwan_stiffness: Scalar
@@ -194,7 +194,7 @@ class Iwan4(Masing):
         return Corner(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the power of length to add to the unit of the loss, which is stated at 1 mm."""
+        """Return the power of length to add to the unit of the loss parameter, a value at 1 mm."""
         return {"iwan_loss": -1.0 - self.iwan_chi}
 
     def thresholds(self) -> tuple[Threshold, ...]:
@@ -268,7 +268,7 @@ class MasingExponential(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: a share of the stiffness, and softening b Y around order one."""
+        """Return prior bounds: a share of the stiffness, and b such that b Y is of order one."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = (float(part * scales.omega_n**2) for part in share)
         return {

@@ -1,4 +1,4 @@
-r"""Iwan's array with sliders whose sliding force is lower than the force at which they let go.
+r"""Iwan's array with sliders whose sliding force is lower than the force at which slip begins.
 
 A slider sticks up to its limit and slides at a lower force. Its force drops when it begins to
 slide, and must rise to the limit again before it slides the next time. Therefore a closed inner
@@ -67,7 +67,7 @@ class Iwan5(Law):
     name: ClassVar[str] = "iwan5"
     table: ClassVar[tuple[Quantity, ...]] = (
         *Iwan4.table,
-        Quantity("iwan_theta", "ϑ", "1", "force of sliding over that of sticking", 0.0),
+        Quantity("iwan_theta", "ϑ", "1", "sliding force / sticking limit", 0.0),
     )
 
     iwan_stiffness: Scalar
@@ -176,14 +176,14 @@ class Iwan5(Law):
         )
 
     def rate(self, y: Scalar, v: Scalar, memory: SliderStretches) -> SliderStretches:
-        """Return the rate at which stuck sliders' springs stretch [m/s]; `move` handles drops."""
+        """Return the stretch rate of stuck sliders' springs [m/s]; `move` handles force drops."""
         stays = memory.slides * v > 0.0
         return SliderStretches(jnp.where(stays, 0.0, v), jnp.zeros_like(memory.slides))
 
     def turn(
         self, h: Scalar, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
     ) -> tuple[SliderStretches, Scalar, Scalar]:
-        """Return the sliders after a step that may reverse, and how kinks change v and y.
+        """Return the sliders after a step that may reverse, and the changes of v and y by kinks.
 
         After a reversal, all sliders are stuck.
         """
@@ -203,18 +203,18 @@ class Iwan5(Law):
         return SliderStretches(stretch, memory.slides)
 
     def memory_unit(self, omega_n: Scalar) -> NoReturn:
-        """Raise an error, because the periodic state of so many sliders is not computed."""
+        """Raise an error, because periodic motion of the many sliders is not supported."""
         raise ModelError(
             "The periodic motion of the law `iwan5` is not supported: each slider has its own "
             "state.",
-            remedy="Take its `backbone`, or simulate until the motion repeats.",
+            remedy="Use `backbone` for the law `iwan5`, or simulate until the motion repeats.",
         )
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> NoReturn:
         """Raise an error, because harmonic balance does not support this law."""
         self.memory_unit(length)
 
-    # -- of the density ----------------------------------------------------------------------------
+    # -- the density of the sliders ----------------------------------------------------------------
     @property
     def _spread(self) -> Scalar:
         """The total stiffness of all sliders except those that slip last [1/s^2]."""
@@ -235,7 +235,7 @@ class Iwan5(Law):
 
 
 def _drop(theta: Scalar, ratio: Scalar) -> Scalar:
-    """Return the phase angle [rad] at which sliders with limit `ratio` times the peak let go."""
+    """Return the phase [rad] at which sliders with limit `ratio` times the peak begin to slip."""
     return 2.0 * jnp.arcsin(jnp.sqrt(0.5 * (1.0 + theta) * ratio * _WITHIN))
 
 

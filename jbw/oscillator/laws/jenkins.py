@@ -50,7 +50,7 @@ def _table(count: int) -> tuple[Quantity, ...]:
         if i == 1:
             rows.append(_slip(1))
         else:
-            meaning = f"slip of slider {i} over that of slider {i - 1}"
+            meaning = f"slip of slider {i} / slip of slider {i - 1}"
             rows.append(Quantity(f"slip_ratio_{i}", f"φ{low}/φ{before}", "1", meaning, 1.0))
     return tuple(rows)
 

@@ -64,8 +64,8 @@ def _kinked_step_jvp(primals, tangents):
     dots = (delta_dot, gamma_dot, z_dot, *ends_dot, quartic_dot)
 
     def total(value, slopes):
-        # All results are proportional to alpha and z together, which gives their derivative by
-        # alpha.
+        # All results are proportional to alpha if z is scaled with alpha. This gives their
+        # derivatives with respect to alpha.
         by_alpha = barrier((value - z * slopes[2]) / alpha)
         return by_alpha * alpha_dot + sum(s * x for s, x in zip(slopes, dots, strict=True))
 

@@ -79,7 +79,7 @@ class LuGre(Law):
         """Raise an error, because the force depends on time and not on the path alone."""
         raise ModelError(
             "The law `lugre` depends on the rate of motion and has no loop or backbone.",
-            remedy="Simulate it, or take `Valanis.dahl` where the rate does not matter.",
+            remedy="Simulate the law, or use `Valanis.dahl` if the rate does not matter.",
         )
 
     def check_periodic(self) -> None:

@@ -181,7 +181,8 @@ def _turning_states(
     fixed = stop_gradient((law, y))
     z = y[0] - opening(y[0], law.delta, law.gamma)
     z = jax.lax.fori_loop(0, _NUM_PERIODICITY, lambda _, z: newton(*fixed, z), stop_gradient(z))
-    # These steps change no digit of the solution; they give it its first and second derivative.
+    # These two steps do not change the value of the solution; they make its first and second
+    # derivatives correct.
     z = newton(law, y, newton(law, y, stop_gradient(z)))
     return law, turns, y, path(law, y, z)
 

@@ -1,4 +1,4 @@
-"""The power of displacement by which laws of microslip lose stiffness."""
+"""Powers of displacement, for the stiffness loss of microslip laws."""
 
 import jax
 import jax.numpy as jnp
@@ -10,7 +10,7 @@ from jbw.oscillator.power_losses import power_losses
 
 # Displacement [m] at which a power law's stiffness loss is stated; the law does not depend on it.
 REFERENCE = 1e-3
-# reciprocal of that displacement, because multiplication is faster than division
+# reciprocal of `REFERENCE`, because multiplication is faster than division
 PER_REFERENCE = 1.0 / REFERENCE
 
 

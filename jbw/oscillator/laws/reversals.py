@@ -87,7 +87,7 @@ def with_room(memory: Branch, size: int) -> Branch:
 
 
 def branch_of(sense: Scalar, stack: Stack) -> Branch:
-    """Return the branch that follows from the load reversals, without its force."""
+    """Return the branch after the last load reversal; its present force and slope are zero."""
     none, last = 0.0 * stack.count, stack.count - 1.0
     behind = _closing_place(stack.y, stack.count)
     closure = jnp.where(stack.count > 1.5, behind, sense * _OUT_OF_REACH)

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from jbw.oscillator.laws.masing import Masing
 
 COUNT = 60
-# Edges of the bins of slip limits are evenly spaced numbers to this power, because the energy would
-# else be tens of per cent too small at a hundredth of the largest slip.
+# Edges of the bins of slip limits are evenly spaced numbers to this power, because otherwise the
+# energy would be tens of per cent too small at a hundredth of the largest slip.
 GRADING = 4
 
 

@@ -28,12 +28,12 @@ _HALVINGS = 60  # number of bisections in the search for the spring's stretch
 _FAR = 16.0
 # Above this fraction of the limit, the pole of the integrand is integrated analytically.
 _POLE = 0.5
-# Logarithmic distance to the limit beyond which an integral's remaining part is negligible.
+# Largest q in w = L (1 - e^-q) up to which a loop is integrated; the rest is negligible.
 _DEEP = 40.0
 
 
 class StretchLaw(Protocol):
-    """The parameters of `BoucWenNu`, by their names there."""
+    """The parameters of a `BoucWenNu` law, as attributes of the same names."""
 
     nu_stiffness: Scalar
     nu_softening: Scalar
@@ -158,7 +158,7 @@ def _slope(q: Scalar, c: Scalar, nu: Scalar, most: Scalar, scale: Scalar) -> Sca
 
 
 def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
-    """Return q of the stretch at a loop's tip, the scale of the stretch, and the limiting c."""
+    """Return q and L of the stretch w = L (1 - e^-q) at a loop's tip, and the factor c of L."""
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
     most, nu = jnp.maximum(less, more), law.nu
     scale, largest = _scale(most, nu, 2.0 * peak)

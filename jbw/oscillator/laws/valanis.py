@@ -33,7 +33,7 @@ class Valanis(Law):
         valanis_hardening: Stiffness of the fully slipping joint over that of the stuck joint,
             E_t/E_0 [-].
         valanis_rate: Rate lambda at which the force approaches its limit [1/m].
-        valanis_microslip: Share kappa of sticking before the limit, from 0 to below 1 [-].
+        valanis_microslip: Degree kappa of sticking below the force limit, from 0 to below 1 [-].
     """
 
     name: ClassVar[str] = "valanis"
@@ -42,13 +42,13 @@ class Valanis(Law):
             "valanis_stiffness",
             "E₀",
             "1/s^2",
-            "stiffness of the sticking joint",
+            "stiffness of the stuck joint",
             0.0,
             is_share=True,
         ),
         Quantity("valanis_hardening", "E_t/E₀", "1", "stiffness left when all slips", 0.0),
-        Quantity("valanis_rate", "λ", "1/m", "rate at which the force comes to its limit", 0.0),
-        Quantity("valanis_microslip", "κ", "1", "share of sticking before the limit", 0.0),
+        Quantity("valanis_rate", "λ", "1/m", "rate at which the force approaches its limit", 0.0),
+        Quantity("valanis_microslip", "κ", "1", "degree of sticking below the force limit", 0.0),
     )
 
     valanis_stiffness: Scalar

@@ -120,9 +120,9 @@ def modal_backbone(
         motion = "a joint displacement" if is_one_joint else "an amplitude"
         raise ModelError(
             f"The backbone of mode {mode} was not found at {motion} of {first:g} m.",
-            why="It has a fold there, as near an internal resonance, or a joint reverses more "
-            "often in a period than `max_turns` allows.",
-            remedy="Stay below, look at `internal_resonances`, or raise `max_turns`.",
+            why="The backbone has a fold at this amplitude, for example near an internal "
+            "resonance, or a joint reverses more often in a period than `max_turns` allows.",
+            remedy="Use smaller amplitudes, look at `internal_resonances`, or raise `max_turns`.",
         )
     if not is_one_joint:
         return backbone
@@ -143,8 +143,8 @@ def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
     omega_n = structure.omega_n[mode]  # pyright: ignore[reportIndexIssue]
     if is_concrete(omega_n) and omega_n == 0.0:
         raise ConfigError(
-            f"Argument `mode` must be a mode that vibrates to have a backbone, but omega_n of mode "
-            f"{mode} is 0.",
+            f"Argument `mode` must be a mode that vibrates, but mode {mode} is a rigid-body mode "
+            "(omega_n = 0) and has no backbone.",
             remedy="Name a mode whose omega_n is greater than 0.",
         )
     if not is_one_joint:

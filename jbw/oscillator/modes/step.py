@@ -323,7 +323,7 @@ def freely(step: ModalStep, motion: ModalMotion, push: ModalPush) -> ModalMotion
 def seen_by_joints(
     step: ModalStep, motion: ModalMotion, change: ModalMotion, u: Scalar
 ) -> tuple[FreeMotion, ...]:
-    """Return each joint's motion due to the modes' change without joint forces."""
+    """Return each joint's motion, and its change in a step without the forces of the joints."""
     q, v = motion
     pulls = tuple(
         m.damping * dy + m.stiffness * y for m, y, dy in zip(step.modes, q, v, strict=True)

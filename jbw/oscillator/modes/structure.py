@@ -100,7 +100,7 @@ def by_joint(structure: Structure) -> Structure:
 
 
 def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) -> Laws:
-    """Apply a function to every law, together with its joint's entries of other sequences."""
+    """Apply a function to every law and to the entries for its joint in further sequences."""
     return tuple(
         # pyright: ignore[reportGeneralTypeIssues]
         tuple(function(law, *entries) for law in of_joint)  # pyright: ignore[reportGeneralTypeIssues]
@@ -158,7 +158,7 @@ def admitted(structure: Structure) -> Structure:
     elif any(isinstance(law, tuple) for law in structure.laws):
         raise ConfigError(
             "Field `laws` of a `Structure` must contain laws if `h` has one number per mode, "
-            "but contains tuples of them.",
+            "but contains tuples of laws.",
             remedy="Give `h` a row for every joint, or give only the laws of the single joint.",
         )
     c = jnp.atleast_1d(values["c"])
@@ -180,7 +180,8 @@ def _number_of_modes(shapes: dict[str, tuple[int, ...]]) -> tuple[int]:
         raise ConfigError(
             f"The fields {', '.join(shapes)} of a `Structure` must have one number per mode "
             f"each, but have the shapes {', '.join(map(str, shapes.values()))}.",
-            remedy=f"Give every mode all {len(shapes)}; for a batch of structures use `jax.vmap`.",
+            remedy=f"Give each of {', '.join(shapes)} one number per mode; for a batch of "
+            "structures use `jax.vmap`.",
         )
     modes = next(iter(distinct_shapes), (1,))
     if any(not shape for shape in shapes.values()) and modes != (1,):
@@ -188,7 +189,7 @@ def _number_of_modes(shapes: dict[str, tuple[int, ...]]) -> tuple[int]:
         raise ConfigError(
             f"Field `{bare}` of a `Structure` must have {modes[0]} numbers, one per mode, but "
             "is one number.",
-            remedy="Give one number for every mode.",
+            remedy=f"Give `{bare}` one number per mode.",
         )
     if modes == (0,):
         raise ConfigError("A `Structure` must have at least one mode, but its fields are empty.")
@@ -256,8 +257,8 @@ def _require_first(name: str, values: np.ndarray) -> None:
     if values[0] == 0.0:
         raise ConfigError(
             f"Field `{name}` of a `Structure` must not be 0 for the first mode, but it is.",
-            why="The laws are in units of the joint's motion in that mode.",
-            remedy=f"Put a mode that moves the joint first, with {name}[0] = 1.",
+            why="The laws are in units of the joint's motion in the first mode.",
+            remedy=f"Put a mode that moves the joint in the first place, with {name}[0] = 1.",
         )
 
 
@@ -281,8 +282,10 @@ def _require_rigid(omega_n: np.ndarray, h: np.ndarray) -> None:
         joint, mode = np.argwhere(bad)[0]
         raise ModelError(
             f"Field `omega_n` of a `Structure` must be greater than 0 for every mode that moves a "
-            f"joint, but that of mode {mode} is 0 and moves joint {joint} by {h[joint, mode]:g}.",
-            why="With all joints stuck, such a mode is restrained by the joint itself.",
+            f"joint, but mode {mode} has omega_n = 0 and moves joint {joint} by "
+            f"{h[joint, mode]:g}.",
+            why="With all joints stuck, a mode that moves a joint is restrained by the joint "
+            "itself.",
             remedy="Use the modes of the structure including the stiffness of the joints.",
         )
 
@@ -324,7 +327,7 @@ def require_sampled(structure: Structure, fs: Any, substeps: int) -> None:
     enough = int(np.ceil(highest / float(fs)))
     remedy = messages.put_substeps(enough)
     if angle > np.pi:
-        raise ConfigError(f"{motion_in_step}, but a step can follow at most pi.", remedy=remedy)
+        raise ConfigError(f"{motion_in_step}; a step can resolve at most pi rad.", remedy=remedy)
     if angle > 1.0:
         warnings.warn(
             f"{motion_in_step}; above 1 the motion of the joint is inaccurate. {remedy}",
@@ -368,9 +371,9 @@ def internal_resonances(
     """
     if not is_concrete(structure.omega_n, within):
         raise ConfigError(
-            "`internal_resonances` cannot be traced, as by jit, grad or vmap.",
-            why="How many pairs it returns depends on the frequencies.",
-            remedy="Call it outside.",
+            "`internal_resonances` cannot be traced by `jit`, `grad` or `vmap`.",
+            why="The number of returned pairs depends on the frequencies.",
+            remedy="Call `internal_resonances` outside `jit`, `grad` and `vmap`.",
         )
     omega = np.asarray(admitted(structure).omega_n)
     pairs = [

@@ -174,7 +174,7 @@ def frequency_response(  # pyright: ignore[reportInconsistentOverload]
     *,
     max_turns: int = 2,
 ) -> Complex[Array, "... freq harmonic"] | StructureHarmonics:
-    r"""Return the odd harmonics of the response over frequency, each from the previous tone.
+    r"""Return the odd harmonics at each frequency; each solution starts from the previous one.
 
     The solutions are those of `steady_state`, reached as a slow stepped sine reaches them: Newton's
     iteration starts from the harmonics at the previous frequency, or raises the load in steps where

@@ -26,7 +26,7 @@ from jbw.oscillator.steady.waveform import num_turns, orders
 
 Packed = Float[Array, "2 *joint harmonic"]
 
-# Newton's last step shows the error of the point before. Because convergence is quadratic, the
+# Newton's last step shows the error of the previous iterate. Because convergence is quadratic, the
 # returned value is accurate to round-off.
 _TOLERANCE = 1e-8
 _MAX_NEWTON = 16

@@ -25,7 +25,7 @@ def modal_tones(
     *,
     swept: bool,
 ) -> StructureHarmonics:
-    """Return the harmonics of every tone, in a sweep each from its neighbour in frequency.
+    """Return the harmonics of every tone; in a sweep, each solution starts from the previous tone.
 
     Raises:
         ModelError, ConfigError: As for `steady_state`.
@@ -48,8 +48,9 @@ def modal_tones(
         raise ModelError(
             f"The periodic response did not converge for {failed.sum()} of {failed.size} tones, "
             f"the first at omega = {tones[first]:g} ({int(np.asarray(turns)[first])} turning "
-            "points of a joint a period).",
-            why="Several periodic responses may exist there, or none with so few turning points.",
+            "points of a joint per period).",
+            why="At these tones several periodic responses may exist, or none with at most "
+            "`max_turns` turning points per period.",
             remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise "
             "`max_turns`.",
         )

@@ -1,8 +1,8 @@
 """The texts of the brief, the one page for those who decide."""
 
 USE = {
-    "ok": "Use the numbers on this page.",
-    "usable": "Use the numbers with the model discrepancy that is stated below.",
+    "ok": "The numbers on this page can be used.",
+    "usable": "The numbers on this page can be used together with the stated model discrepancy.",
     "failed": "Do not use the numbers on this page.",
 }
 PROVISIONAL = "The numbers are provisional: some checks could not be made."

@@ -31,10 +31,10 @@ MESSAGES = (
         "excludes 99 %.",
         """
         Check: the share of simulated true values inside the central 99 % interval of their
-        posterior; 99 % must be inside the Clopper-Pearson interval of that share, all quantities
-        together.
+        posterior, over all quantities. The Clopper-Pearson interval of this share must contain
+        99 %.
 
-        Remedy: do not quote such intervals as 99 %; see calibration_ranks.
+        Remedy: do not quote the intervals as 99 % intervals; see calibration_ranks.
         """,
         remedy="Do not quote these intervals as 99 %.",
         passed="The 99 % intervals of every quantity contain the true value in at least "

@@ -41,9 +41,9 @@ SEE_TOML = (
     "The rules of a campaign file are at https://toml.io; strings need quotes, and each "
     "key may occur only once."
 )
-BACKSLASH = "has a backslash in double quotes, where it begins an escape such as \\n"
-DECIMAL_COMMA = "has a decimal comma, which separates two values"
-BARE_POINT = "has a number that begins or ends with its decimal point"
+BACKSLASH = "has a backslash in double quotes, where a backslash begins an escape such as \\n"
+DECIMAL_COMMA = "has a decimal comma, but a comma separates values"
+BARE_POINT = "has a number without a digit before or after the decimal point"
 BARE_WORD = "has a word without quotes"
 NO_JOINTS = "[structure] matrices: need a [[joint]] table for every joint, but there is none."
 
@@ -63,7 +63,8 @@ def table_again(number: int, table: str, other: int) -> tuple[str, str]:
     """Return the message that two lines open the same table."""
     return (
         f"line {number} opens [{table}] again, after line {other}",
-        f"Put its keys below line {other}, and remove line {number}.",
+        f"Move the keys below line {number} to the keys below line {other}, and remove line "
+        f"{number}.",
     )
 
 
@@ -71,7 +72,7 @@ def key_again(number: int, key: str, other: int) -> tuple[str, str]:
     """Return the message that two lines state the same key, and the remedy."""
     return (
         f"line {number} states `{key}` again, after line {other}",
-        f"Keep one of lines {other} and {number}.",
+        f"Keep only one of the lines {other} and {number}.",
     )
 
 
@@ -85,7 +86,7 @@ def in_one_table(other: int, number: int, key: str, line: str) -> tuple[str, str
 
 def decimal_points(bounds: str) -> str:
     """Return the message on two values that were written with decimal commas."""
-    return f"A comma separates values; with decimal points they are {bounds}."
+    return f"A comma separates values: with decimal points, write {bounds}."
 
 
 def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
@@ -119,7 +120,7 @@ def tone_beyond(tone: float, limit: float) -> FaultText:
     """Return the message on a tone whose third harmonic would be aliased [Hz]."""
     return FaultText(
         f"Tone {tone:g} Hz must lie below a third of half the sampling frequency ({limit:.4g} Hz).",
-        "Otherwise its third harmonic is aliased.",
+        "The third harmonic of a higher tone is aliased.",
         "Leave the tone out, or measure with a higher sampling frequency.",
     )
 
@@ -137,7 +138,7 @@ def broken_periods(samples: int, periods: int) -> FaultText:
     """Return the message on a number of samples that is not a whole number of periods."""
     return FaultText(
         f"The record's {samples} samples are not {periods} whole periods.",
-        "Averages over periods would drift through the record.",
+        "Averages over periods need whole periods: otherwise the phase shifts along the record.",
         "Correct periods, or cut the record to whole periods with span.",
     )
 
@@ -156,7 +157,7 @@ def started_apart(size_s: float, delay_s: float, *, later: bool) -> FaultText:
     return FaultText(
         f"According to the file, the response was started {size_s:.6g} s "
         f"{'after' if later else 'before'} the drive.",
-        "Samples with the same number were then measured at different times.",
+        "Samples with the same number in both channels were measured at different times.",
         f"Put under [[test]]: `delay = {delay_s:.9g}`, or export both channels from the same "
         "time on.",
     )
@@ -166,7 +167,7 @@ def unread(name: str, reason: str) -> FaultText:
     """Return the message that a setting has no effect, with the reason."""
     return FaultText(
         f"`{name}` has no effect: {reason}.",
-        remedy="Leave it out.",
+        remedy=f"Leave `{name}` out.",
     )
 
 
@@ -210,7 +211,7 @@ def unmoved(joint: str) -> FaultText:
     return FaultText(
         f"No mode in the bands of the tests moves joint `{joint}`; the data do not constrain its "
         "law.",
-        remedy="Sweep a mode in which its energy share is large.",
+        remedy=f"Sweep a mode in which joint `{joint}` has a large share of the energy.",
     )
 
 
@@ -320,7 +321,7 @@ def circle(key: str) -> str:
     """Return the message that joints refer to each other in a circle by `same_as`."""
     return (
         f"{key}: must lead to a joint with its own law, but the joints refer to each other in a "
-        "circle. Leave it out of one of these joints."
+        "circle. Leave this key out of one of these joints."
     )
 
 

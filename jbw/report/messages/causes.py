@@ -19,7 +19,7 @@ def residual_term(constant: float) -> FaultText:
     """Return the fault that modes outside the band respond, with the line to fit these modes."""
     return FaultText(
         f"Modes outside the band respond by {constant:.3g} m per unit of the input.",
-        "A model of one mode does not contain this response.",
+        "A model of one mode does not contain the response of other modes.",
         f"Fit residual terms, or restrict the band. {put('[test]', 'residuals', 'both')}",
     )
 

@@ -9,8 +9,8 @@ def lost_block(at_s: float, jump_s: float, keep: str) -> FaultText:
     return FaultText(
         f"At {at_s:.3g} s the response jumps by {abs(jump_s):.3g} s {ahead} the drive: one of the "
         "channels lost a block of samples.",
-        "After the loss, response and drive belong to different times.",
-        f"{keep}, or export it again.",
+        "After the lost samples, response and drive belong to different times.",
+        f"{keep}, or export the record again.",
     )
 
 
@@ -21,7 +21,8 @@ def another_clock(slope: float, change_s: float | None = None) -> FaultText:
     return FaultText(
         f"The clock of the response runs {number(abs(1e6 * slope), '.2g')} ppm {fast} compared "
         f"with that of the drive{change}.",
-        "The phase then drifts along the record, and a fit takes this for damping and stiffness.",
+        "With two clocks the phase drifts along the record, and a fit mistakes the drift for "
+        "damping and stiffness.",
         f"Put under [[test]]: `clock_ppm = {1e6 * slope:.3g}`, which resamples the response, or "
         "record both channels with one clock.",
     )
@@ -33,7 +34,7 @@ def another_delay(lag_s: float, stated_s: float | None = None) -> FaultText:
     stated = "" if stated_s is None else f"; the campaign states a delay of {stated_s:g} s"
     return FaultText(
         f"The response {way} the drive by {abs(lag_s):.2g} s{stated}.",
-        "A fit takes a lag for damping, and a lead for negative damping; the signal of an "
+        "A fit mistakes a lag for damping, and a lead for negative damping; the signal of an "
         "AC-coupled sensor leads.",
         f"Put under [[test]]: `delay = {lag_s:.3g}`, or correct the phase of the channels.",
     )
@@ -44,6 +45,7 @@ def drop_off(share: float, noise: float) -> FaultText:
     return FaultText(
         f"At the resonance the drive falls to {share:.2g} times its usual level, and "
         f"{percent(noise, '.0f')} of the measured drive is then noise.",
-        "A fit takes this noise for a part of the drive, and finds too much damping.",
-        "Measure the drive with a more sensitive sensor, or hold its level through the resonance.",
+        "A fit mistakes noise for a part of the drive, and finds too much damping.",
+        "Measure the drive with a more sensitive sensor, or hold the level of the drive through "
+        "the resonance.",
     )

@@ -30,7 +30,7 @@ SHORT = {
     "init": "Write a commented campaign file for a folder of records.",
     "check": "Check a campaign, channel by channel.",
     "look": "Measure frequency and damping without a model of the joint, in a minute.",
-    "identify": "Identify the joint; --quick stops after the fit, in seconds.",
+    "identify": "Identify the joint; --quick makes only the fit, within seconds.",
     "resume": "Continue a run that was interrupted, or made by --quick.",
     "identifiability": "Show which parameters the data identify, before sampling.",
     "laws": "Compare how well laws of the joint describe the data.",
@@ -54,7 +54,7 @@ SHORT = {
 MORE = "For other commands, such as the demonstration: jbw more"
 
 FAULT = "Please report this error. To see where it occurs, set JBW_TRACEBACK=1 and run again."
-RUN_FOLDER = "CAMPAIGN-run, or runs for several,"
+RUN_FOLDER = "CAMPAIGN-run, or `runs` for several campaigns"
 
 
 def one_at_a_time(first: str, second: str) -> str:

@@ -45,9 +45,9 @@ def put_locked_phase(phase: float) -> str:
 def put_tolerance(tolerance: float) -> str:
     """Return the remedy with the campaign line for the tolerance of a held phase [degrees]."""
     return (
-        "If these points were steady, accept the deviation: the fit uses the measured phase. "
-        f"Put under [[test]]: `phase_tolerance = {tolerance:g}`. If they were not steady, replace "
-        'them by NaN and state gaps = "mask".'
+        "If the points were steady, accept the deviation: the fit uses the measured phase. "
+        f"Put under [[test]]: `phase_tolerance = {tolerance:g}`. If the points were not steady, "
+        'replace their values by NaN and state gaps = "mask".'
     )
 
 
@@ -72,10 +72,11 @@ def amplitude_jumps(before: float, after: float) -> str:
 
 
 def jumps(pairs: Sequence[str], jump: str) -> FaultText:
-    """Return the message on pairs of points between which the motion jumps, and the size."""
+    """Return the message on pairs of points between which the motion jumps, with its size."""
     return FaultText(
         f"Between points {', '.join(pairs)} {jump}, which is on another branch.",
         "A controlled test follows one branch; a point next to a jump may not have been steady.",
-        'Replace such points by NaN and state gaps = "mask", or measure between them. If they were '
-        'steady, keep them. Put under [[test]]: `jumps = "keep"`.',
+        'Replace the values of unsteady points by NaN and state gaps = "mask", or measure more '
+        "points near the jump. If the points were steady, keep the points. "
+        'Put under [[test]]: `jumps = "keep"`.',
     )

@@ -108,9 +108,9 @@ MESSAGES = (
     Message(
         "response_bands",
         explanation="""
-        Check: R-hat and effective sample sizes, by the limits of r_hat, ess_bulk and ess_tail,
-        of the quantities behind response bands: natural frequency and damping ratio of the joint
-        at several amplitudes up to the largest fitted one, for every draw.
+        Check: R-hat and effective sample sizes of the quantities that determine response bands:
+        natural frequency and damping ratio of the joint at several amplitudes up to the largest
+        fitted amplitude. The limits are those of r_hat, ess_bulk and ess_tail.
 
         Parameters may mix while a combination of them does not. A 99 % band of an FRF, a sweep
         or a loop is as uncertain as the frequency and the damping at its amplitude.
@@ -206,8 +206,8 @@ MESSAGES = (
         step. Draws avoid the region, and intervals become too narrow (Betancourt 2017,
         arXiv:1701.02434).
 
-        Remedy: another sampler, as the finding says; or find the region of the prior where they
-        lie and narrow the prior, or `coordinates = "products"`.
+        Remedy: another sampler, as the finding says; or find the region of the prior where the
+        divergences lie and narrow the prior, or `coordinates = "products"`.
         """,
         remedy="Use a sampler without trajectories. "
         'Put under [identify]: `sampler = "tempered_smc"`. '
@@ -270,17 +270,18 @@ MESSAGES = (
         Remedy: set `budget_s` in `[identify]` to the estimate of the finding. First look at the
         other findings: chains that never agree converge in no budget.
         """,
-        remedy="Raise the time budget; at the present rate this one is enough. "
+        remedy="Raise the time budget; at the present rate the new budget is enough. "
         "Put under [identify]: `budget_s = {budget}`.",
     ),
     Message(
         "second_posterior",
-        "{reason} The posterior of all tests together does not depend on it.",
+        "{reason} The posterior of all tests together does not depend on that of the free decays.",
         """
         Check: whether the posterior of the free decays alone, with which the posterior of
         all tests together is compared, could be sampled.
 
-        The posterior of all tests together does not depend on it: only the comparison is missing.
+        The posterior of all tests together does not depend on the posterior of the free decays
+        alone: only the comparison is missing.
 
         Remedy: identify the free decays in a separate campaign; its messages show the cause.
         """,

@@ -46,7 +46,8 @@ def still_driven(steady_s: float, settle: str) -> FaultText:
     """Return the message that a decay is driven until a time [s], with a `settle` [s] to state."""
     return FaultText(
         f"The motion is steady for the first {steady_s:.3g} s and decays only after that.",
-        "Until then it was driven; a fit as a free decay would find a joint without damping.",
+        "During the steady motion the structure was driven; a fit as a free decay would find a "
+        "joint without damping.",
         f"Put under [[test]]: `settle = {settle}`.",
     )
 
@@ -70,10 +71,10 @@ def steady_line(hz: str, share: float) -> FaultText:
     return FaultText(
         f"A spectral line at {hz} Hz does not decay; its amplitude is {share:.2g} of the "
         "largest response in the band.",
-        "Late in the decay a fit takes this line for the mode, and then finds a wrong "
-        "frequency and damping.",
-        f"Put under [[test]]: `lines_hz = [{hz}]`, which removes the line, or remove its source "
-        "and measure again.",
+        "Late in the decay a fit mistakes a line that does not decay for the mode, and finds a "
+        "wrong frequency and damping.",
+        f"Put under [[test]]: `lines_hz = [{hz}]`, which removes the line, or remove the source "
+        "of the line and measure again.",
     )
 
 
@@ -81,7 +82,7 @@ def line_beside_drive(hz: str) -> FaultText:
     """Return the message on a spectral line [Hz] that the drive does not cause."""
     return FaultText(
         f"A spectral line at {hz} Hz does not come from the drive.",
-        "Near this frequency the line is taken for the response to the drive.",
+        "Near this frequency a fit mistakes the line for the response to the drive.",
         "Remove the source of the line and measure again.",
     )
 

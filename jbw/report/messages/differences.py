@@ -59,7 +59,7 @@ def homes_differ(joints: str, first: str, second: str) -> str:
 
 
 def of_prior(names: Mapping[str, Sequence[str]]) -> str:
-    """Return the sentence on parameters that a run's data do not determine, with these runs."""
+    """Return the sentence on parameters that the data of the named runs do not determine."""
     shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
     return (
         "Parameters that are not compared, because the data of the runs in brackets do not "
@@ -78,7 +78,7 @@ def not_usable(run: str, verdict: str) -> str:
 
 
 def inadequate(runs: Sequence[str]) -> str:
-    """Return the sentence that a difference may come from model discrepancy instead."""
+    """Return the sentence that a difference may come from model discrepancy, not from the joint."""
     return (
         f"In {listed(runs)} the residual of the law exceeds the noise. The parameters then depend "
         "on which records were fitted and on their amplitudes, which no interval includes: the "

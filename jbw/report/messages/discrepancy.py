@@ -35,15 +35,16 @@ UNSCORED = {
     "one level": Unscored(
         "every fitted run reaches the same amplitude",
         "Leaving runs out of the fit does not show how well the law predicts other levels: every "
-        "fitted run reaches the same amplitude. Hold out a test of another level to see it.",
+        "fitted run reaches the same amplitude. Hold out a test of another level to determine the "
+        "error there.",
     ),
 }
 WITHHELD = (
     "The bands of tests and of measurements are withheld: the error of the law exceeds noise, "
     "and no run that is left out of the fit determines this error at the amplitude of these "
-    "tests; fit a test of their level"
+    "tests. Fit a test of the same level"
 )
-FIT_THAT_LEVEL = "Fit a test of that level."
+FIT_THAT_LEVEL = "Fit a test of the level whose bands are withheld."
 
 
 def bands_withheld(names: Sequence[str]) -> str:
@@ -86,17 +87,17 @@ def missed(
     parts = [f"{percent(frequency)} of the natural frequency"] if frequency else []
     parts += [f"{percent(damping)} of critical damping"] if damping else []
     parts += (
-        [f"{percent(rest)} of the response for differences that neither of these two explains"]
+        [f"{percent(rest)} of the response that frequency and damping do not explain"]
         if rest
         else []
     )
     changes = []
     if run_frequency:
         size, side = percent(abs(run_frequency)), _side(run_frequency)
-        changes.append(f"its natural frequency is {size} {side}")
+        changes.append(f"the natural frequency is {size} {side}")
     if run_damping:
         size, side = percent(abs(run_damping)), _side(run_damping)
-        changes.append(f"its damping ratio is {size} of critical {side}")
+        changes.append(f"the damping ratio is {size} of critical {side}")
     most = f" The error is largest on {run}: {listed(changes)} than predicted." if changes else ""
     return (
         "Runs that are left out of the fit are predicted with errors that exceed noise: "

@@ -22,8 +22,8 @@ def register(message: Message) -> Message:
     """
     if message.code in FINDINGS:
         raise ConfigError(
-            f"The code of a finding must be its own, but `{message.code}` is a finding of jbw.",
-            remedy="Register it under another code.",
+            f"The code of a new finding must be unique, but `{message.code}` is a finding of jbw.",
+            remedy="Register the new finding under another code.",
         )
     FINDINGS[message.code] = message
     return message

@@ -18,10 +18,11 @@ def base_motion(gain: float) -> FaultText:
     return FaultText(
         "At its resonance the response moves against the input, as a structure on a moving base "
         f"does: the gain is {gain:.3g} /kg.",
-        "`force` may contain the acceleration of a base, and the response may be absolute. "
-        "Otherwise one channel has a reversed sign, and the modal mass is about 1 kg.",
-        "If a base moves, subtract the drive from the response in the file. Then reverse its sign, "
-        "with `scale = { acceleration = -1.0 }` under [[test]].",
+        "There are two possible causes. Either `force` contains the acceleration of a base and "
+        "the response is absolute, or one channel has a reversed sign and the modal mass is about "
+        "1 kg.",
+        "If a base moves, subtract the drive from the response in the file. Then reverse the sign "
+        "of the response, with `scale = { acceleration = -1.0 }` under [[test]].",
     )
 
 
@@ -41,8 +42,8 @@ def other_sign(source: str, test: str = "") -> FaultText:
     where, others, apart = _compared(test)
     return FaultText(
         f"The ratio of response to drive{where} has the opposite sign to that of {others}.",
-        "The polarity of a channel was reversed: such records cancel in the mean over all, and "
-        "a fit follows neither.",
+        "The polarity of a channel was reversed: records of opposite sign cancel in the mean over "
+        "all records, and a fit follows none of the records.",
         f"{apart}Put under [[test]]: `scale = {{ {source} = -1.0 }}`.",
     )
 
@@ -59,13 +60,13 @@ def other_gain(ratio: float, scale: float, source: str, unit: str, test: str = "
     return FaultText(
         f"The ratio of response to drive{where} is {abs(ratio):.4g} times that of {others}"
         f"{sign}{hint}.",
-        "A channel of this record has another unit or gain than the same channel of the others.",
+        "A channel has another unit or gain in this record than in the other records.",
         f"{apart}Put under [[test]]: `scale = {{ {source} = {pasted} }}`.",
     )
 
 
 def _compared(test: str) -> tuple[str, str, str]:
-    """Return words for where a gain differs and from what, and a remedy that separates a repeat."""
+    """Return the place of a deviating gain, what it is compared with, and a remedy for a repeat."""
     if test:
         return f" in {test}", "the other tests", ""
     return "", "most repeats", "Give this record a separate [[test]]. "

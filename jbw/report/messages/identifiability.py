@@ -15,15 +15,15 @@ MESSAGES = (
         "than {frequency:.2g %} and adds less than {damping:.2g %} of zeta to the damping.",
         """
         Check: the growth of chi-square when the oscillator is fitted without the joint to the
-        same data with the same weights; it must exceed what as many parameters reach by chance at
-        a probability of 1 %. The check is made only where the posterior hardly distinguishes the
-        joint's change of the frequency from zero.
+        same data with the same weights. The growth must exceed the limit that the same number of
+        parameters exceeds by chance with a probability of 1 %. The check is made only if the
+        posterior hardly distinguishes the joint's change of the frequency from zero.
 
         Below the limit, the structure is described as well without the joint. The finding states
         the largest effect that the joint may have.
 
-        Remedy: drive harder, for a joint that is fully stuck is a spring; or state `laws = []` in
-        `[joint]`.
+        Remedy: drive harder, because a fully stuck joint acts as a spring; or state `laws = []`
+        in `[joint]`.
         """,
         remedy="Drive harder, or model the structure as linear. Put under [joint]: `laws = []`.",
         passed="A fit without the joint raises chi-square by {growth:.3g}; without a joint, chance "
@@ -33,9 +33,9 @@ MESSAGES = (
         "at_bound",
         TRUNCATED,
         """
-        Check: draws nearer to a prior bound than 1 % of the span of the posterior from its 0.5 %
-        to its 99.5 % quantile; a uniform posterior has 1 % of its draws there, more than 1.5 %
-        fail. A lower bound of zero is not checked: the quantity cannot be negative, and an upper
+        Check: the share of draws that lie closer to a prior bound than 1 % of the width of the
+        99 % interval of the posterior. The share must not exceed 1.5 %; a uniform posterior has
+        1 %. A lower bound of zero is not checked: the quantity cannot be negative, and an upper
         limit is a valid result.
 
         The bound truncates the posterior: one end of the interval is given by the prior, not by
@@ -76,7 +76,8 @@ MESSAGES = (
         Remedy: sweep another mode that moves the joint, or let it share the law of another joint
         by `same_as`.
         """,
-        remedy="Sweep another mode that moves the joint, or tie it to another joint by `same_as`.",
+        remedy="Sweep another mode that moves the joint, or tie the joint to another joint by "
+        "`same_as`.",
         passed="Every joint is identified separately.",
     ),
     Message(

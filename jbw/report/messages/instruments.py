@@ -15,7 +15,7 @@ LEFT_OUT = (
 )
 BESIDE_MATRICES = (
     "Intervals exclude the errors of the recorder's clock and of its sensors' calibration, "
-    "which no record shows, and those of the model's shapes."
+    "which no record shows, and the errors of the model's mode shapes."
 )
 
 

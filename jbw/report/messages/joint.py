@@ -31,23 +31,29 @@ def no_bounds(names: Sequence[str]) -> str:
     return f"`prior` must bound every parameter of `table`, but has no {', '.join(names)}."
 
 
-# other computation with which a method of an externally defined law must agree
-A_SCALAR = "a scalar; its number of axes must be"
-SMOOTH_AT_REST = "differentiable at rest, for example with the slope"
-INTEGRAL_OF_RATE = "the integral of `rate`; the force [N/kg] must be"
+# what a method of an externally defined law must be, for the sentence of `law_disagrees`
+A_SCALAR = "a scalar, which is an array without axes"
+FINITE = "finite"
+SMOOTH_AT_REST = "differentiable at rest, with finite slopes"
+PROPORTIONAL = "proportional to the velocity"
+INTEGRAL_OF_RATE = "the integral of `rate`, with the same force [N/kg] after a move"
 SLOPE_AT_REST = "the slope of `force` at rest"
-DIFFERENCE_OF_RECORDS = "consistent with the difference of two records; its derivative must be"
-ODD = "odd, unless `check_periodic` refuses it; its value must be"
-ALONG_MOTION = "the harmonics of `force` along a steady motion,"
-OTHER_UNITS = "the same law in other units; its harmonics must be"
-FIRST_HARMONIC = "the first harmonic of `force`, divided by the amplitude,"
-HOLDS_MOTION = "the force that sustains the motion at resonance,"
-OF_PERIODIC_RECORD = "the first harmonic of the periodic record from `simulate`,"
+DIFFERENCE_OF_RECORDS = "differentiable, with the derivative that the difference of records shows"
+ODD = "odd in the motion, unless `check_periodic` refuses the law"
+ALONG_MOTION = "the harmonics of `force` along a steady motion"
+OTHER_UNITS = "the same law in other units, with the same harmonics"
+FIRST_HARMONIC = "the first harmonic of `force`, divided by the amplitude"
+HOLDS_MOTION = "the force that sustains the motion at resonance"
+OF_PERIODIC_RECORD = "the first harmonic of the periodic record from `simulate`"
+VALUES_OF_BUILD = "the values that `build` was given"
 
 
 def law_disagrees(method: str, found: Any, what: str, right: Any) -> str:
     """Return the message that a method of a law disagrees with another way to compute it."""
-    return f"`{method}` must be {what} {_number(right)}, but is {_number(found)}."
+    return (
+        f"`{method}` must be {what}: the expected value is {_number(right)}, but the found value "
+        f"is {_number(found)}."
+    )
 
 
 def law_fails(method: str, reason: str) -> str:
@@ -130,15 +136,15 @@ def indistinguishable(laws: Sequence[str], why: str) -> str:
     """Return the message that no motion can distinguish two laws."""
     return (
         f"The laws {' and '.join(f'`{name}`' for name in laws)} cannot be distinguished: "
-        f"{why}. Keep one of them."
+        f"{why}. Keep one of these laws."
     )
 
 
 def joints_stiffer(largest: float) -> str:
     """Return the message that several joints together are stiffer than the structure."""
     return (
-        "The joints are stiffer than the structure: no eigenvalue of k_j sum(h p / omega_n^2) "
-        f"must exceed 1, but one is {largest:.4g}. Once the joints slip, no stiffness remains "
+        "The joints are stiffer than the structure: every eigenvalue of k_j sum(h p / omega_n^2) "
+        f"must be at most 1, but one is {largest:.4g}. Once the joints slip, no stiffness remains "
         "that holds the structure, and the motion grows without limit. Lower the stiffness of "
         "the laws, or raise omega_n, which includes the stiffness of all fully stuck joints."
     )

@@ -24,8 +24,8 @@ def chosen_by_fits(law: str, errors: Mapping[str, float], *, is_white: bool) -> 
     """
     fitted = f"its error is {percent(errors[law])} of the records' rms"
     others = [f"{name} {percent(error)}" for name, error in errors.items() if name != law]
-    reason = "only noise remains" if is_white else "no tried law leaves only noise"
-    than = f", that of {' and that of '.join(others)}" if others else ""
+    reason = "only noise remains" if is_white else "the residual of every tried law exceeds noise"
+    than = f" (errors of other laws: {', '.join(others)})" if others else ""
     return (
         f"The campaign states no law; {law} is chosen: {fitted}{than}; {reason}. "
         f'Put under [joint]: `laws = ["{law}"]` to state it.'
@@ -41,12 +41,14 @@ def tried_at_joints(
     """Return the sentence on which laws were tried if there are several joints."""
     sentences = [f"Compared laws, each at all joints: {', '.join(alike)}."] if alike else []
     sentences += [f"Compared laws, as the campaign states them: {', '.join(own)}."] if own else []
-    changed = f"In addition {num_changed} combinations were compared, each with"
     sentences += {
-        EVERY: [f"{changed} another law at one joint."],
+        EVERY: [
+            f"In addition {num_changed} combinations were compared that have another law at one "
+            "joint."
+        ],
         NONE: [
-            f"{changed} one joint fully stuck (another law at one joint would make more than "
-            f"{most} combinations)."
+            f"In addition {num_changed} combinations were compared that have one joint fully "
+            f"stuck (another law at one joint would make more than {most} combinations)."
         ],
         NEITHER: ["No combination with another law at one joint was compared."],
     }[which]
@@ -75,16 +77,16 @@ def equivalent(laws: Sequence[str]) -> str:
 WITHIN, OUTWARD, ACROSS = "within", "outward", "across"
 _TARGETS = {
     OUTWARD: ("tests beyond the fitted amplitudes", "the highest level is left out of the fit"),
-    ACROSS: ("other kinds of test", "each kind is predicted from the others"),
+    ACROSS: ("other kinds of test", "each kind of test is predicted from the other kinds"),
 }
 
 
 def predicted_by(
     target: str, names: Sequence[str], error: float, best: str, of_best: float | None
 ) -> str:
-    """Return the sentence on laws that predict something better than the best law does."""
+    """Return the sentence on laws that predict some kinds of test better than the best law does."""
     tests, score = _TARGETS[target]
-    comparison = "" if of_best is None else f", that of {best} {percent(of_best)}"
+    comparison = "" if of_best is None else f" (error of {best}: {percent(of_best)})"
     return (
         f"For {tests}, use the predictions of {listed(names)}: when {score}, the prediction error "
         f"of {names[0]} is {percent(error)}{comparison}."
@@ -223,29 +225,31 @@ def error_of_fit(error: float) -> str:
 
 
 ANSWERS = {"best": "preferred", "worse": "significantly worse", "not told apart": "equivalent"}
-"""What a comparison answers of a law, as its page says it."""
+"""The words on the page of a comparison for each possible answer on a law."""
 
 
 BACKBONES = (
-    "Frequency and damping ratio against amplitude under each law, the preferred one first, "
-    "then by score, all on the scale of the first. Open symbols: measured in each test without "
-    "a model of the joint, as of a linear oscillator. If they lie outside the band of a law, "
-    "the law does not describe this joint. Grey: beyond the fitted amplitudes."
+    "Frequency and damping ratio against amplitude under each law: first the preferred law, then "
+    "the other laws in order of their scores, all on the scale of the preferred law. Open "
+    "symbols: values of each test from the fit of a linear oscillator, without a law of the joint. "
+    "If the symbols lie outside the band of a law, the law does not describe this joint. Grey: "
+    "beyond the fitted amplitudes."
 )
 LOOPS = (
     "From top to bottom: frequency and damping of all laws in one panel each, the loop of each "
-    "law, its residual along one record, and the error of each session, predicted from the others."
+    "law, the residual of each law along one record, and the error of each session, predicted "
+    "from the other sessions."
 )
 LOOPS_TITLE = "Loops, residuals and held-out sessions"
-FURTHER = "The same curves for laws with lower scores."
+FURTHER = "Frequency and damping ratio against amplitude under the laws with lower scores."
 UNJUDGED_TITLE = "Laws that could not be judged"
-# labels of the figure of laws next to each other
+# labels of the figure that shows the laws side by side
 UNDER_EACH_LAW = " under each law with its 99 % band; dotted: largest fitted amplitude"
 AMPLITUDE_AXIS = "amplitude of the displacement [mm]"
 LOOP_OF_LAWS = "loop of each law at the largest fitted amplitude"
 FORCE_AXIS = "force minus the force of the linear spring [N/kg]"
 RESIDUAL_ALONG = "residual of each law along "
 POSITION_AXIS = "position in the record (0: start, 1: end)"
-ERROR_OF_SESSIONS = "error of each session, predicted from the others"
+ERROR_OF_SESSIONS = "error of each session, predicted from the other sessions"
 BAR_OF_LINEAR = "; bar: error of a linear oscillator that is fitted to the session"
 ERROR_AXIS = "RMS error / rms of the record [%]"

@@ -74,7 +74,7 @@ def change(what: str, size: float, sd: float, power: Estimate | None, unit: str)
 
 
 def turning(what: str, y: float, value: float, change: float) -> str:
-    """Return the clause on the amplitude [m] at which a quantity turns, and its value there."""
+    """Return the clause on the amplitude [m] at which a trend reverses, and the value there."""
     first, then = ("falls", "rises") if change > 0 else ("rises", "falls")
     return f"the {what} {first} to {value:.4g} at {1e3 * y:.3g} mm, then {then}"
 
@@ -107,8 +107,8 @@ def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
     """Return the sentence on records that differ at equal amplitude, with the likely cause."""
     sizes = " and ".join(f"the {name} by {percent(size)}" for name, size in scatter)
     causes = {
-        "order": "The difference grows with the order of the records: the joint relaxes, wears or "
-        "warms up.",
+        "order": "The difference grows from record to record: the joint relaxes, wears or warms "
+        "up.",
         "runs": "The difference lies between the stated runs or assemblies.",
         "": "The day, the torque, the temperature, or the mass or place of the sensor may differ.",
     }
@@ -140,7 +140,7 @@ def between_ends(
 
 
 def onset(y: float, *, is_linear: bool) -> str:
-    """Return the sentence on the amplitude [m] from which on a change is certain."""
+    """Return the sentence on the amplitude [m] above which a change is certain."""
     below = "; below it, the structure may be taken as linear" if is_linear else ""
     return (
         f"The change of the frequency is certain (99 %) above an amplitude of {1e3 * y:.3g} mm"
@@ -150,7 +150,10 @@ def onset(y: float, *, is_linear: bool) -> str:
 
 def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str:
     """Return the sentence on how frequency and damping vary within and between sessions."""
-    parts = (f"{name} {percent(a)} within them, {percent(b)} between them" for name, a, b in rows)
+    parts = (
+        f"{name} {percent(a)} within a session, {percent(b)} between sessions"
+        for name, a, b in rows
+    )
     return (
         f"Standard deviations in {count} sessions or assemblies at one level: {'; '.join(parts)}."
     )
@@ -176,8 +179,8 @@ AS_NOISE = "which noise explains"
 def more_than_noise(noise: float, p: float, size: float) -> str:
     """Return the phrase that repeats differ by more than noise, with its p-value."""
     return (
-        f"more than the noise of {of_response(noise)} (p = {p:.0e}): their amplitude, start "
-        f"time or speed differs; the amplitude differs by {of_response(size)}"
+        f"more than the noise of {of_response(noise)} (p = {p:.0e}): the amplitude, start time "
+        f"or speed of the repeats differs; the amplitude differs by {of_response(size)}"
     )
 
 
@@ -201,9 +204,9 @@ def harmonics(listed: Sequence[str], residual: float) -> str:
 def distortion(noise: float, nonlinear_share: float, num_realisations: int) -> str:
     """Return the sentence on noise and nonlinear distortion of the best linear approximation."""
     return (
-        f"noise is {of_response(noise)} of the best linear approximation; in a single one of "
-        f"{num_realisations} realisations, nonlinear distortion is "
-        f"{of_response(nonlinear_share)} of it."
+        f"noise is {of_response(noise)} of the best linear approximation; in a single realisation "
+        f"(of {num_realisations}), nonlinear distortion is {of_response(nonlinear_share)} of the "
+        "best linear approximation."
     )
 
 

@@ -9,8 +9,8 @@ def degrading(amplitude: float, number: int, change: float, keep: str, *, falls:
         f"Cycles of the amplitude {amplitude:.3g} m differ: from cycle 2 to cycle {number} the "
         f"force {'falls' if falls else 'rises'} by {percent(change, '.0f')}.",
         "The joint changes as it is loaded, whereas most laws give equal cycles the same loop.",
-        f"{keep}, which keeps its last cycles, and make separate tests and assemblies of its other "
-        "states; or fit the wear with the law `bwbn`.",
+        f"{keep}, which keeps the last cycles of the record, and put the other states of the joint "
+        "into separate tests and assemblies; or fit the wear with the law `bwbn`.",
     )
 
 
@@ -19,7 +19,7 @@ def lopsided(ratio: float, *, positive: bool) -> FaultText:
     return FaultText(
         f"The force of the joint is {ratio:.2g} times as large on the "
         f"{'positive' if positive else 'negative'} side as on the other side.",
-        "Every law except `square` gives both sides the same force.",
+        "Every law except `square` has the same force in both directions.",
         "A fit averages both sides; add the law `square` to the campaign's laws to fit a small "
         "difference.",
     )
@@ -28,9 +28,9 @@ def lopsided(ratio: float, *, positive: bool) -> FaultText:
 def off_centre(offset: float, drift: float) -> FaultText:
     """Return the message on offset and drift of a measured force, relative to half its range."""
     return FaultText(
-        f"The force begins {percent(offset, '.1f')} of its half range away from zero and moves by "
-        f"{percent(drift, '.1f')} of it along the record.",
-        "The load cell has an offset or drifts; a fit takes this signal for a force of the joint.",
+        f"The force begins {percent(offset, '.1f')} of its half range away from zero and moves "
+        f"by {percent(drift, '.1f')} of the half range along the record.",
+        "The load cell has an offset or drifts; a fit mistakes the error for a force of the joint.",
         'Put under [[test]]: `load_cell = "drift"`; or "offset" if the load cell cannot drift.',
     )
 
@@ -39,7 +39,8 @@ def late(lag: float, delay: float) -> FaultText:
     """Return the message that the force lags the displacement [s], and the delay to state."""
     return FaultText(
         f"The force lags the displacement by {lag:.3g} s.",
-        "This lag makes the loop narrower, by an energy that no law of a joint describes.",
+        "A lag of the force makes the loop narrower; no law of a joint describes this loss of "
+        "energy.",
         f"Put under [[test]]: `delay = {delay:.4g}`, or give both channels the same filter.",
     )
 
@@ -47,9 +48,9 @@ def late(lag: float, delay: float) -> FaultText:
 def high_passed(time_constant: float) -> FaultText:
     """Return the message on the time constant of a charge amplifier for the force [s]."""
     return FaultText(
-        f"The force falls back to zero with a time constant of {time_constant:.3g} s, as a "
-        "high-pass filter of a charge amplifier causes it.",
-        "The force then leads the displacement, which makes the loop wider.",
+        f"The force falls back to zero with a time constant of {time_constant:.3g} s, as with the "
+        "high-pass filter of a charge amplifier.",
+        "With a high-pass filter the force leads the displacement, which makes the loop wider.",
         "Measure the force with a strain gauge load cell, or with a longer time constant of the "
         "amplifier.",
     )

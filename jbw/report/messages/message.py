@@ -6,21 +6,21 @@ from string import Formatter
 from typing import Any, NamedTuple
 
 Template = str | Callable[..., str]
-"""A text with fields as of `str.format`, or a function that chooses between texts."""
+"""A format string for `str.format`, or a function that chooses between several texts."""
 
 
 class Message(NamedTuple):
     """The entry of the catalogue for one code.
 
     Attributes:
-        code: Of the finding; behind a point the variant that the sentence is for, as in
-            "r_hat.one_chain".
+        code: Code of the finding; a point separates it from the variant to which the sentence
+            belongs, as in "r_hat.one_chain".
         sentence: The fact, in one sentence with the values of the finding.
         explanation: What the check is, why it matters and what to do: a page of `jbw explain`.
             Empty for a variant, which the code's page explains.
         remedy: What to do, with its values; a line of the campaign file where there is one.
-        passed: The sentence of a finding that is ok, where it is another one.
-        question: The question of the verdict that it answers, of an entry from outside of jbw:
+        passed: The sentence of a finding that is ok, if it differs from `sentence`.
+        question: The question of the verdict that a finding from outside of jbw answers:
             "sampling", "law" or "knowledge".
     """
 

@@ -34,7 +34,7 @@ def grade(
     text = f"The law {GRADES[status]}: its RMS error on {tests} is {percent(error)} of the rms"
     text += most + TO[to]
     if linear == linear:
-        text += f"; that of the best linear oscillator is {percent(linear)}"
+        text += f"; the error of the best linear oscillator is {percent(linear)}"
     if coverage == coverage:
         text += f"; the 99 % bands contain {percent(coverage, '.3g')} of the values"
     return f"{text}."
@@ -155,10 +155,11 @@ MESSAGES = (
             "residual."
         ),
         """
-        Check: where the residual exceeds the noise, the usual mistakes, each by one Gauss-Newton
-        step together with the parameters: a delayed response, a test with its sign reversed or in
-        another unit, swapped channels, a constant offset, clipped values, the response of modes
-        outside the band, one more mode in the band, a separate natural frequency for each test.
+        Check: if the residual exceeds the noise, whether a usual mistake explains the residual.
+        Each mistake is fitted together with the parameters by one Gauss-Newton step. The mistakes
+        are: a delayed response, a test with a reversed sign or in another unit, swapped channels,
+        a constant offset, clipped values, the response of modes outside the band, one more mode
+        in the band, a separate natural frequency for each test.
 
         A cause that would explain more than half of the residual becomes this finding, with its
         size; causes that would explain a tenth or more are listed among the statements of the
@@ -173,13 +174,13 @@ MESSAGES = (
         "level_trend",
         f"{OFFSETS} depends {TREND}",
         """
-        Check: where sessions have offsets of natural frequency and damping, whether the offsets
-        depend on the size of the motion: a weighted slope over five sessions or more, by
-        Student's t at a probability of 0.5 %.
+        Check: whether the sessions' offsets of natural frequency and damping depend on the size
+        of the motion. A weighted straight line is fitted to the offsets of five sessions or more;
+        its slope is tested by Student's t at a probability of 0.5 %.
 
-        Sessions and assemblies vary at random. Offsets that rise or fall with the motion are an
-        error of the law's dependence on amplitude, and the offsets hide it: the intervals are
-        then those of a wrong law.
+        Sessions and assemblies vary at random. Offsets that rise or fall with the motion show
+        that the law's dependence on amplitude is wrong, but they hide the error from the
+        residual: the intervals are those of a wrong law.
 
         Remedy: the law that the finding names, or `jbw laws`; `offsets = "none"` shows the
         residual without offsets. If levels were measured in rising order while the structure
@@ -203,11 +204,11 @@ MESSAGES = (
     ),
     Message(
         "leave_one_out",
-        "A fit without session {test} changes {name} by {moves:.1f} standard deviations of such a "
-        "change, more than a fit without any other session does; the limit is {limit:g}.",
+        "A fit without session {test} changes {name} by {moves:.1f} standard deviations of a "
+        "change by chance; the limit is {limit:g}, and no other session has so large an effect.",
         """
-        Check: the change of the fit without each session, in standard deviations of such a change
-        by chance; it must be below 4.
+        Check: the change of the fit without each session, divided by the standard deviation of
+        a change by chance; the ratio must be below 4.
 
         Sessions that need different parameters contradict each other: the joint depends on
         amplitude in another way than the model, or the structure changed between them.
@@ -230,15 +231,16 @@ MESSAGES = (
             f"for other records like these it is +-{percent(beyond)}."
         ),
         """
-        Check: every record of free decay fitted separately, where a campaign has three decays or
-        more and no other test. Their products and zeta must agree within their errors, at a
-        probability of 1 %, or vary so little that no interval widens by a fifth.
+        Check: if a campaign has three free decays or more and no other test, every record is
+        fitted separately. The products and zeta of the records must agree within their errors, at
+        a probability of 1 %, or vary so little that no interval widens by a fifth.
 
         A law with a small error needs other parameters at other amplitudes. The posterior of all
         records takes the law as exact and is too narrow; other records of the same structure lie
-        outside it. The standard deviation between records is that of a random effect (Paule and
-        Mandel); an interval for records like these adds its square, divided by the number of
-        records. `jbw diff` widens the intervals of both runs by it.
+        outside its bands. The standard deviation between records is that of a random effect
+        (Paule and Mandel). An interval for similar records adds the square of this standard
+        deviation, divided by the number of records, to the variance. `jbw diff` widens the
+        intervals of both runs in this way.
 
         Remedy: quote the wider interval; compare laws by `jbw laws`; fit only records of similar
         amplitude.
@@ -307,18 +309,20 @@ MESSAGES = (
         "times the error of the best linear oscillator, the largest ratio of all tests; it must "
         "be less than {limit:.3g}. Wider bands come from the discrepancy, not from the law.",
         """
-        Check: where the error of the law on runs that were left out exceeds noise, the standard
-        deviation of the bands of every held-out test, divided by the error of the best linear
-        oscillator; less than 1, or 1.4 where the error of the joint is as large as that of the
-        linear oscillator.
+        Check: the standard deviation of the bands of every held-out test, divided by the error of
+        the best linear oscillator. The ratio must be less than 1, or less than 1.4 if the error
+        of the joint's law is as large as that of the linear oscillator. The check is made if the
+        error of the law on runs that were left out of the fit exceeds noise.
 
-        The bands of such tests include a model discrepancy: the error of the law in frequency and
-        damping, by amplitude. Where it is as large as the error of a linear oscillator, the law
-        says nothing about the joint, however many values its bands contain.
+        The bands of held-out tests then include a model discrepancy: the error of the law in
+        frequency and damping at each amplitude. If the discrepancy is as large as the error of a
+        linear oscillator, the law says nothing about the joint, however many values the bands
+        contain.
 
-        Remedy: do not predict such tests with this law, and try others: jbw laws.
+        Remedy: do not predict tests of this kind and level with this law, and try other laws:
+        jbw laws.
         """,
-        remedy="Do not predict such tests with this law. {another_law}",
+        remedy="Do not predict tests of this kind and level with this law. {another_law}",
     ),
     Message(
         "held_out_coverage",
@@ -328,9 +332,10 @@ MESSAGES = (
         Check: the share of the values of every held-out test inside the 99 % band; at least 95
         %.
 
-        Where the error of the law on runs that are left out exceeds noise, the band of a test is
-        withheld if its amplitude lies farther above the fitted amplitudes than these lie apart. The
-        message names these tests.
+        A band is withheld if two conditions hold: the error of the law on runs that are left out
+        of the fit exceeds noise, and the test's amplitude is too large. It is too large if its
+        ratio to the largest fitted amplitude exceeds both two and the ratio of the largest to the
+        smallest fitted amplitude. The message names the tests without a band.
 
         Remedy: see leave_one_out and coloured_residual. Beyond the fitted amplitudes the bands
         extrapolate; the report says how far. If a test has no band, fit a test of its level.
@@ -347,18 +352,19 @@ MESSAGES = (
             "velocity has the same effect."
         ),
         """
-        Check: whether the joint lowers the natural frequency, or adds damping alone, at the
-        largest fitted displacement, by 99 % intervals.
+        Check: whether the joint lowers the natural frequency at the largest fitted displacement,
+        or only adds damping, according to the 99 % intervals.
 
         Hysteresis that adds damping reduces the stiffness, so the frequency falls with amplitude.
         Quadratic damping (drag, a fluid, a rough guide) adds damping in proportion to the amplitude
-        and does not change the frequency. A law of hysteresis then imitates such damping, with
-        meaningless parameters and a wrong phase.
+        and does not change the frequency. A law of hysteresis that is fitted to quadratic damping
+        imitates it, with meaningless parameters and a wrong phase.
 
-        Where the frequency falls by less than half of the damping ratio that the joint adds, the
-        same data are fitted by quadratic damping in place of the laws. Hysteresis is not detected
-        if chi-square grows by no more than that number of parameters explains by chance at a
-        probability of 1 %, however narrow the intervals of its parameters are.
+        If the frequency falls by less than half of the damping ratio that the joint adds,
+        quadratic damping is fitted to the same data in place of the laws. Quadratic damping has
+        fewer parameters, so chi-square usually grows. Hysteresis is detected only if the growth
+        exceeds the limit that chance exceeds with a probability of 1 %, however narrow the
+        intervals of the laws' parameters are.
 
         Remedy: put `laws = ["quadratic_damping"]` under `[joint]`, and compare: jbw laws.
         """,
@@ -367,11 +373,12 @@ MESSAGES = (
     Message(
         "no_hysteresis.drag",
         lambda growth, least, number, y, frequency, damping: (
-            f"No hysteresis is detected: damping proportional to the square of the velocity, with "
-            f"{number} parameters fewer, {_fits(growth)}. At {y:.2g} mm the fitted joint adds "
-            f"{_change(damping)} of zeta to the damping and changes the natural frequency by "
-            f"{_change(frequency)}; slip that adds so much damping would lower the frequency more. "
-            "Do not use the joint's parameters, and do not predict responses beyond that motion."
+            "No hysteresis is detected: a model with damping proportional to the square of the "
+            f"velocity and {number} parameters fewer {_fits(growth)}. At {y:.2g} mm the fitted "
+            f"joint adds {_change(damping)} of zeta to the damping and changes the natural "
+            f"frequency by {_change(frequency)}; slip that adds so much damping would lower the "
+            "frequency more. Do not use the joint's parameters, and do not predict responses "
+            f"beyond {y:.2g} mm."
         ),
         remedy='Try damping without hysteresis. Put under [joint]: `laws = ["{law}"]`.',
         passed="With damping proportional to the square of the velocity in place of hysteresis, "
@@ -388,7 +395,7 @@ def _fits(growth: float) -> str:
 
 
 def _others(scatters: Sequence[tuple[str, float]]) -> str:
-    """Return the standard deviations of other quantities between records, in brackets."""
+    """Return standard deviations between records, of quantities in addition to the first one."""
     listed = ", ".join(f"{name} by {percent(scatter)}" for name, scatter in scatters)
     return f" ({listed})" if scatters else ""
 

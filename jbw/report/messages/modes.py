@@ -7,7 +7,7 @@ from jbw.report.messages.message import percent
 NOT_COMMON = "the data reject one common joint, provided that the separate laws describe the data"
 MAY_BE_COMMON = "the modes may share one joint"
 LOSS_SHARE = "share of the losses of all joints"
-ENERGY_AT_MOTION = "share of the mode's strain energy at that amplitude"
+ENERGY_AT_MOTION = "share of the mode's strain energy at the mode's largest motion"
 SOFTENING_SHARE = "share of the softening by all joints"
 LOOP_FORCE = "force of the laws, for the posterior medians of their parameters"
 
@@ -19,7 +19,10 @@ def growth_by_neighbours(growth: float) -> str:
 
 def one_joint(evidence: str, least: float) -> str:
     """Return the message that modes share a joint, with chi-square and its limit."""
-    return f"The modes share one joint: {evidence} (growth by chance is at most {least:.3g})."
+    return (
+        f"The modes share one joint: {evidence} (chance alone raises chi-square by at most "
+        f"{least:.3g})."
+    )
 
 
 def no_shared_joint(evidence: str) -> str:
@@ -86,7 +89,11 @@ def all_joints(
     name: str, change: Sequence[float], damping: Sequence[float], *, is_free: bool
 ) -> str:
     """Return the sentence on the effect of all joints together on a mode, with intervals [%]."""
-    shape = "in its shape at that motion" if is_free else "in its shape with fully stuck joints"
+    shape = (
+        "with the mode shape at this motion"
+        if is_free
+        else "with the mode shape of fully stuck joints"
+    )
     return (
         f"{name} at its largest motion, {shape}: all joints together change its frequency by "
         f"{change[1]:.3g} % [{change[0]:.3g}, {change[2]:.3g}] and add {damping[1]:.3g} % "
@@ -109,8 +116,8 @@ def numbered(mode: int, hz: float) -> str:
 
 MOTION_FACTOR = "measured motion relative to that of the matrices"
 LAWS_BY_MODEL = (
-    "In all other modes the motion of a joint is taken from the matrices, and the laws of the "
-    "joint refer to the motion in these modes."
+    "If no factor is stated for a joint in a mode, the motion of the joint is taken from the "
+    "matrices; the laws of the joint refer to the motion in the modes without a factor."
 )
 
 

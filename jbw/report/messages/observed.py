@@ -41,7 +41,8 @@ def moves_joint(mode: int, hz: float, h: float, p: float) -> str:
     """Return the sentence on a mode's joint motion h and share p of its force, at the optimum."""
     return (
         f"At the optimum, mode {mode} ({hz:.4g} Hz) moves the joint h = {h:.3g} times as much as "
-        f"the first mode does, and receives p = {p:.3g} times as much of its force."
+        f"the first mode does, and the joint's force acts p = {p:.3g} times as strongly on mode "
+        f"{mode} as on the first mode."
     )
 
 

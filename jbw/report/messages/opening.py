@@ -19,8 +19,8 @@ SPREAD = (
     "The fitted repeats range from the strongest to the weakest; `fit_repeats` states how many "
     "repeats are fitted."
 )
-NAMED = 6  # tests of a list
-NO_GRADES = "This run does not state which parameters are identified."
+NAMED = 6  # largest number of tests that a list names
+NO_GRADES = "The result of this run does not state which parameters are identified."
 NOTHING_TO_DO = "To do next: nothing; the result can be used."
 STATUS = {
     "ok": "The main posterior can be used.",
@@ -28,7 +28,7 @@ STATUS = {
     "not assessed": "Some checks could not be made: treat the main posterior as provisional.",
     "failed": "Do not use the main posterior as it is.",
 }
-READ_FIRST = "Read the findings before using it."
+READ_FIRST = "Read the findings before you use the result."
 UNDRAWN = "This figure could not be drawn: "
 BACKBONE_PICTURE = "Frequency and damping against amplitude"
 GRADES = (

@@ -84,7 +84,7 @@ def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
 
 
 def most_per_second(test: str, level: float, unit: str) -> str:
-    """Return the sentence on the test that informs most per second, if no test is needed."""
+    """Return the sentence on the most informative test per second, although no test is needed."""
     return f"Largest information gain per second: {test}, {level:g} {unit}."
 
 

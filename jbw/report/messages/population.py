@@ -147,7 +147,7 @@ def one_stage(num_units: int, num_samples: int) -> str:
     return f"All records of {num_units} units at once: NUTS, one chain of {num_samples} samples"
 
 
-WRITE_FLEET = "Write it with this version of jbw: jbw collect RUNS --out fleet.nc."
+WRITE_FLEET = "Write the fleet file with this version of jbw: jbw collect RUNS --out fleet.nc."
 NEW_UNIT = "Frequency and damping of a new unit"
 BAND = "interval with 99 % of new units"
 EVERY_UNIT = "Every unit: median [99 % interval]"

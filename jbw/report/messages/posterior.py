@@ -9,7 +9,7 @@ TOO_CURVED = (
     "hundred times as many evaluations per draw."
 )
 
-# topics of checks and statements, as subjects of sentences that say why one is missing
+# topics of checks and statements; a sentence on a missing check or statement names its topic
 EACH_FROM_OTHERS = "each test predicted from the others"
 RESIDUAL = "the residual of the fit"
 SHAPE = "the shape of the residual"
@@ -24,11 +24,11 @@ JOINT_SHARES = "The effect of each joint on the modes"
 PARTICIPATION = "whether each mode takes part in the motion"
 JOINT_OF_MODES = "whether each mode has a separate joint"
 ONE_JOINT = "whether all modes share one joint"
-JOINT_DIFFERENCE = "how far the joints of uncoupled modes differ"
+JOINT_DIFFERENCE = "the difference between the joints of uncoupled modes"
 JOINT_EFFECT = "The effect of the joint on the modes"
 THRESHOLDS = "The statement on the thresholds of the laws, such as macroslip"
-WITHOUT_EACH_TEST = "the fit without each test"
-WITHOUT_EACH_KIND = "the fit without each kind of test"
+WITHOUT_EACH_TEST = "the fits that each omit one test"
+WITHOUT_EACH_KIND = "the fits that each omit one kind of test"
 EACH_RECORD = "the fit to each record alone"
 JOINT_SEEN = "whether a joint is detected"
 

@@ -10,14 +10,14 @@ EXPORTS = {
     ".xlsx": _SHEET,
     ".xls": _SHEET,
     ".ods": _SHEET,
-    ".parquet": 'Save it as CSV or HDF5: pandas.read_parquet("FILE").to_csv("FILE.csv").',
-    ".feather": 'Save it as CSV or HDF5: pandas.read_feather("FILE").to_csv("FILE.csv").',
-    ".ide": "Export it as CSV or MATLAB by enDAQ Lab, or by the package endaq-ide.",
-    ".svd": "Export time records or FRFs as a universal file (UFF 58) by Polytec's PSV software.",
-    ".sie": "Export it as MATLAB or CSV by the recorder's software, or by libsie.",
-    ".dxd": "Export it as MATLAB or CSV by DEWESoft X.",
-    ".d7d": "Export it as MATLAB or CSV by DEWESoft X.",
-    ".op2": "It holds results of a model. Export measured records as UFF 58 or CSV.",
+    ".parquet": 'Save the file as CSV or HDF5: pandas.read_parquet("FILE").to_csv("FILE.csv").',
+    ".feather": 'Save the file as CSV or HDF5: pandas.read_feather("FILE").to_csv("FILE.csv").',
+    ".ide": "Export the record as CSV or MATLAB with enDAQ Lab, or with the package endaq-ide.",
+    ".svd": "Export time records or FRFs as a universal file (UFF 58) with Polytec's PSV software.",
+    ".sie": "Export the record as MATLAB or CSV with the recorder's software, or with libsie.",
+    ".dxd": "Export the record as MATLAB or CSV with DEWESoft X.",
+    ".d7d": "Export the record as MATLAB or CSV with DEWESoft X.",
+    ".op2": "The file contains results of a model. Export measured records as UFF 58 or CSV.",
 }
 
 
@@ -136,7 +136,10 @@ def angle_of(role: str) -> str:
 
 def few_driven_lines(record: str, least: int) -> str:
     """Return the message on a record whose source drives too few spectral lines."""
-    return f"The source of {record} drives fewer than {least} spectral lines in its band."
+    return (
+        f"The source of {record} drives fewer than {least} spectral lines in its band: widen the "
+        "band, or record for longer."
+    )
 
 
 def rests(start: float, end: float, share: float, keep: str) -> str:

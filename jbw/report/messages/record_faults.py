@@ -54,7 +54,7 @@ def beyond_measurement(sample: int, largest: float) -> FaultText:
     """Return the message on a sample that no instrument measures."""
     return FaultText(
         f"Sample {sample} is {largest:.3g} in SI units, beyond any measurement.",
-        "A damaged file contains such values, and some instruments write them for lost samples.",
+        "The file may be damaged, or the instrument writes a huge number for lost samples.",
         "Copy or export the file again, and check the unit.",
     )
 
@@ -63,7 +63,7 @@ def constant(value: float, leave_out: str, *, toggles: bool) -> FaultText:
     """Return the message that a channel is constant, perhaps except for its last bit."""
     return FaultText(
         f"The channel is constant at {value:.6g}" + (", to within one bit." if toggles else "."),
-        "A dead sensor or an unconnected input looks like this.",
+        "A dead sensor or an unconnected input gives a constant signal.",
         f"Name the right channel, or {leave_out}.",
     )
 
@@ -72,7 +72,7 @@ def few_levels(count: int, least: int) -> FaultText:
     """Return the message that a channel has only few distinct values."""
     return FaultText(
         f"The channel has only {count} distinct values, fewer than {least}.",
-        "With so few values, quantisation errors are no longer like white noise.",
+        f"With fewer than {least} values, quantisation errors are not like white noise.",
         "Measure with a smaller range, so that more bits are used.",
     )
 
@@ -100,7 +100,7 @@ def dropped_out(count: int, first_s: float) -> FaultText:
     return FaultText(
         f"The signal has drop-outs: at {count} places, first at {first_s:.4g} s, it falls to "
         "nearly zero for a few samples.",
-        "A laser vibrometer that loses its signal, or a loose contact, has this effect.",
+        "A laser vibrometer that loses its signal, or a loose contact, causes drop-outs.",
         "Improve the focus or the surface and measure again, or bridge these samples before "
         "you export.",
     )
@@ -122,7 +122,7 @@ def lost_samples(
     return FaultText(
         f"{count} of {total} samples are {value:.6g} in SI units, the first at {first_s:.4g} s; "
         f"all others lie between {low:.3g} and {high:.3g}.",
-        "Some loggers write such a number for a lost sample.",
+        "Some loggers write a fixed number for every lost sample.",
         remedy,
     )
 
@@ -133,7 +133,7 @@ def clipped(
     """Return the message on the fraction of clipped samples, and where they are."""
     return FaultText(
         f"{100 * share:.2g} % of the samples are clipped, {where}.",
-        "A fit takes clipped peaks for softening and for harmonics.",
+        "A fit mistakes clipped peaks for softening and for harmonics.",
         f"{remedy} Otherwise measure with a larger range.",
     )
 
@@ -142,7 +142,7 @@ def stopped(end: float, keep: str) -> FaultText:
     """Return the message that a recorder was stopped before the end of its file."""
     return FaultText(
         f"The response is constant from {end:.4g} s to the end of the record.",
-        "A stopped recorder fills its file in this way; a structure keeps ringing.",
+        "A stopped recorder fills its file with a constant value; a structure keeps ringing.",
         f"{keep}.",
     )
 
@@ -152,17 +152,21 @@ def gaps(stretches: str, count: int, remedy: str) -> FaultText:
     return FaultText(
         f"The response is constant at {stretches}, with motion before and after: "
         f"{'1 gap' if count == 1 else f'{count} gaps'}.",
-        "A recorder that lost samples fills the gaps in this way.",
+        "A recorder that lost samples fills the gaps with its last value.",
         remedy,
     )
 
 
 def swapped(of: str = "", ratio: float | None = None) -> FaultText:
     """Return the message that input and response seem to be exchanged."""
-    peaked = "" if ratio is None else f": the spectrum of the input is {ratio:.3g} times more "
-    than = "" if ratio is None else "peaked than that of the response"
+    peaked = (
+        ""
+        if ratio is None
+        else f": the spectrum of the input is {ratio:.3g} times more peaked than the spectrum of "
+        "the response"
+    )
     return FaultText(
-        f"Input and response{of} seem to be swapped{peaked}{than}.",
+        f"Input and response{of} seem to be swapped{peaked}.",
         "A resonance belongs to the response, not to the input.",
         "Check which channel is which.",
     )
@@ -172,7 +176,7 @@ def incoherent(coherence: float) -> FaultText:
     """Return the message that little of a response comes from its input."""
     return FaultText(
         f"The median coherence with the input is {coherence:.2f} over the excited lines.",
-        "Only a small part of this response is caused by this input.",
+        "Only a small part of the response is caused by the input.",
         "Check that the two channels belong together, or narrow `band` to spectral lines with "
         "good coherence.",
     )
@@ -194,7 +198,7 @@ def unresolved(peak: float, width: float, duration_s: float, resolution_hz: floa
     return FaultText(
         f"The resonance at {peak:.4g} Hz appears {width:.3g} Hz wide, hardly more than the "
         f"resolution of a record of {duration_s:.4g} s ({resolution_hz:.3g} Hz).",
-        "The damping read from this width is then only an upper bound.",
+        "If the width of a resonance is not resolved, its damping is only an upper bound.",
         f"Measure longer: a record of {4 * duration_s:.4g} s resolves {resolution_hz / 4:.3g} Hz.",
     )
 
@@ -204,7 +208,8 @@ def noisy_drive(source: str, ratio: float, response: str) -> FaultText:
     return FaultText(
         f"At the resonance the noise of `{source}` causes {ratio:.2g} times the error that the "
         f"noise of `{response}` causes.",
-        "A fit takes the measured drive as exact, so that its errors are larger than it states.",
+        "A fit takes the measured drive as exact, so that the errors of the fitted parameters are "
+        "larger than stated.",
         f"Set the measuring range of `{source}` closer to its level, raise the level, or leave "
         "the test out.",
     )

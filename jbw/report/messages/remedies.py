@@ -26,7 +26,7 @@ def span(first: float, last: float) -> str:
 
 
 def periods(first: float, last: float, count: int) -> str:
-    """Return the keys that keep whole periods of a record, between two times [s]."""
+    """Return the campaign keys that cut a record to whole periods between two times [s]."""
     return f"{span(first, last)} and `periods = {count}`"
 
 

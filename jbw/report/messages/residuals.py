@@ -5,10 +5,15 @@ from collections.abc import Mapping, Sequence
 from jbw.report.messages.message import capital, listed, percent
 
 ERROR_FROM_REST = "error of a test when it is predicted from the other tests"
-SD_RATIO = "standard deviation from a fit without this kind of test / that from the fit with it"
+SD_RATIO = (
+    "standard deviation from a fit without this kind of test / standard deviation from the fit to "
+    "all tests"
+)
 WITH_FREQUENCY = ", with a separate natural frequency"
 Z_SCORE = "change of the fit divided by the standard deviation of such a change by chance"
-WIDER_WITHOUT = "standard deviation from a fit without this run / that from the fit with it"
+WIDER_WITHOUT = (
+    "standard deviation from a fit without this run / standard deviation from the fit to all runs"
+)
 IN_GRADE = "The grade of the law already includes the error of these predictions."
 NOT_PREDICTED = "The law does not predict tests that were not fitted."
 FIT_MISSED = "Fit these tests too, or look for a difference between the tests: jbw look."
@@ -25,7 +30,7 @@ def across_kinds(
         f"{kind} {percent(error)} ({percent(fitted)} when fitted)"
         for kind, (error, fitted) in errors.items()
     )
-    proviso = ", but with a separate natural frequency for each" if own_frequency else ""
+    proviso = ", but with a separate natural frequency for each run" if own_frequency else ""
     return (
         f"RMS error of each kind of test, predicted from the other kinds{proviso}: {rows}."
         f"{identified_by(identified)}"
@@ -45,7 +50,8 @@ def each_session(
 ) -> str:
     """Return the sentence on each session: errors, and what only that session identifies."""
     return (
-        f"RMS error of each session, predicted from the others{proviso}: {', '.join(errors)}."
+        f"RMS error of each session, predicted from the other sessions{proviso}: "
+        f"{', '.join(errors)}."
         f"{identified_by(identified)}"
     )
 

@@ -89,7 +89,7 @@ def undecaying(times: float) -> FaultText:
     return FaultText(
         f"The response of the last quarter is {times:.2g} times that of the first.",
         "A free decay falls; this record may be driven, or may begin before the impact.",
-        "Correct kind, or cut the record with span or settle.",
+        "Correct the key `kind`, or cut the record with `span` or `settle`.",
     )
 
 

@@ -1,4 +1,4 @@
-"""Progress messages of an identification, and the parts of a result that may fail singly."""
+"""Progress messages of an identification, and names of its parts that may fail independently."""
 
 READING_RECORDS = "Measuring frequency and damping of the records without a model"
 DRAWING = "Drawing the posterior"
@@ -22,7 +22,7 @@ TESTS = "The comparison of the tests with the model"
 BACKBONE = "The backbone"
 RECORD_LIKELIHOOD = "The likelihood of single records"
 
-FREE_DECAYS = "Free decays: the joint, identified from them alone"
+FREE_DECAYS = "Free decays: the joint, identified from free decays alone"
 FREE_POSTERIOR = "The posterior of the free decays alone"
 STEP_4 = "Step 4: gamma alone, with the results of the earlier steps fixed"
 STEP_3_MEANS = "Step 3: means of zeta, alpha and delta, by NUTS"

@@ -108,8 +108,8 @@ def one_of_joints_draws(number: int, system: str) -> str:
 def mode_beside_matrices(mode: int, hz: float, model_hz: float, damping: float) -> str:
     """Return the comment on a mode's identified frequency and damping, and the model's [Hz]."""
     return (
-        f"Mode {mode} with fully stuck joints: {hz:.5g} Hz ({model_hz:.5g} Hz by the matrices), "
-        f"damping ratio {percent(damping, '.3g')}."
+        f"Mode {mode} with fully stuck joints: {hz:.5g} Hz (the matrices predict {model_hz:.5g} "
+        f"Hz), damping ratio {percent(damping, '.3g')}."
     )
 
 
@@ -131,10 +131,14 @@ def joint_place(
 ) -> str:
     """Return the comment on where a joint acts, and its stiffness in the model, with units."""
     place = f"Joint {name} moves by x = {motion[0]} [{motion[1]}]"
-    spring = f"its stiffness when fully stuck is {stiffness[0]:.6g} {stiffness[1]}"
+    spring = f"the stiffness of the fully stuck joint is {stiffness[0]:.6g} {stiffness[1]}"
     if not has_law:
-        held = "which the model has" if is_held else "which the model lacks: add it as a spring"
-        return f"{place}. It has no law and is not in these files; {spring}, {held}."
+        held = (
+            "The model contains this stiffness as a spring."
+            if is_held
+            else "The model does not contain this stiffness: add a spring."
+        )
+        return f"{place}. Joint {name} has no law and is not in these files; {spring}. {held}"
     if is_held:
         return (
             f"{place}; {spring}. The model contains this stiffness as a spring, which the "
@@ -149,7 +153,7 @@ def joint_in_si(name: str, motion_unit: str, force_unit: str) -> str:
 
 
 def joint_dashpot(name: str, hz: float, motion: float, unit: str) -> str:
-    """Return the comment on the frequency and motion at which a dashpot loses as a joint does."""
+    """Return the comment on where a dashpot dissipates as much energy as a joint."""
     return (
         f"Dashpot of {name}: at {hz:.4g} Hz it dissipates as much as the joint does at "
         f"{motion:.4g} {unit}, the joint's largest measured motion, in the mode that moved the "
@@ -210,8 +214,8 @@ def further_units(torque: float | None, *, of_units: bool) -> str:
 # long names of variables of results
 RMS_OF_RESPONSE = "rms of the response, divided by the rms of the mean of the test's repeats"
 LIKELIHOOD_OF_RECORD = (
-    "log likelihood of a record given its noise, minus that of the mean of the test's "
-    "repeats with the standard deviation between them [nats]"
+    "log likelihood of a record given its noise, minus its log likelihood under the mean and the "
+    "standard deviation of the test's repeats [nats]"
 )
 RUNNING_ENERGY = "running mean of the response's energy, conv(n)"
 EXTRAPOLATION = "largest displacement / largest fitted displacement"

@@ -20,18 +20,18 @@ JOINTS = (
     "Each joint's share in every mode, at the mode's largest motion and in the mode shape "
     "at that motion"
 )
-WITHHELD = "withheld"  # a band
+WITHHELD = "withheld"  # cell of a test whose band is not shown
 MATRIX_B = (
     "Matrix B: how far each joint softens each swept mode, each row divided by its largest value"
 )
 
 # headings of columns in two lines
 ERROR = "RMS error /\nrms of the record"
-OWN_FREQUENCY = "the same, with the\nrecord's own frequency"
+OWN_FREQUENCY = "RMS error with the\nrecord's own frequency"
 HALF_WIDTH = "half width of the band /\nrms of the record"
 CUT_LESS_JOINT = "(cut - joint) /\njoint sd"
 MODEL_AREA = "model [mJ/kg]\n99 % parameter band"
-FIRST_OF_AMPLITUDE = "stiffness / first stiffness\nof this amplitude"
+FIRST_OF_AMPLITUDE = "stiffness / stiffness of first\ncycle of equal amplitude"
 SD_OVER_VALUE = "sd / value,\nby the fit"
 SD_OVER_PRIOR = "sd / prior's,\nby the fit"
 PROFILE_INTERVAL = "99 % interval\nof the profile"

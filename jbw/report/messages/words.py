@@ -138,14 +138,14 @@ WORDS: dict[tuple[str, ...], str] = {
         "The name of a parameter of the model; `jbw explain alpha`, for example, explains one. A "
         "column `parameters` contains the number of parameters of a law."
     ),
-    ("unit",): ("The unit of a quantity. In tables of several joints, the name of one of them."),
+    ("unit",): ("The unit of a quantity. In tables of several joints, the name of a joint."),
     ("mean", "middle", "joint: mean", "cut: mean", "A", "B"): (
         "Mean of the draws, mostly with the 99 % interval in brackets. A and B are the two runs "
         "that `jbw diff` compares."
     ),
     ("sd", "joint: sd", "cut: sd", "std"): (
-        'Standard deviation. In a column "cut", it belongs to the method of Teloli et al., '
-        "whose Steps 3 and 4 fix the results of earlier steps."
+        'Standard deviation. A column "cut" contains the standard deviation by the method of '
+        "Teloli et al., whose Steps 3 and 4 fix the results of earlier steps."
     ),
     ("CV", "sd / value, by the fit"): (
         "Coefficient of variation: standard deviation / mean. A parameter counts as identified "
@@ -221,7 +221,7 @@ WORDS: dict[tuple[str, ...], str] = {
     ("p (ECDF)", "p (chi2)", "99 % holds", "of which", "to", "ranks"): (
         "Columns of `jbw sbc`: probabilities of the ranks of simulated truths if intervals are "
         "right (small is bad), and the share of 99 % intervals that contain the true value, with "
-        "the interval of this share from one end to the other."
+        "the lower and the upper end of the confidence interval of this share."
     ),
     ("weight",): (
         "The share of a law in predictions by all laws; it depends on how well each law predicts "
@@ -236,22 +236,24 @@ WORDS: dict[tuple[str, ...], str] = {
         "beyond [%]",
         "linear by run [%]",
     ): (
-        "Columns of `jbw laws`, errors divided by the rms of the records: of the fit; of each "
-        "test, predicted by a fit without it; of the highest level, predicted by a fit without "
-        "it; of the kind of test that the other kinds predict worst; of held-out tests; of tests "
-        "beyond the fitted motion; and of a linear oscillator fitted to each run separately, "
-        "which no law can beat by much."
+        "Columns of `jbw laws` contain errors divided by the rms of the records. fit: error of the "
+        "fit. left out: error of each test, predicted by a fit without this test. highest: error "
+        "of the highest level, predicted by a fit without this level. other kinds: error of the "
+        "kind of test that the other kinds predict worst. held out: error of held-out tests. "
+        "beyond: error of tests beyond the fitted motion. linear by run: error of a linear "
+        "oscillator fitted to each run separately, which no law can beat by much."
     ),
     ("load", "median [99 %]"): (
         "Columns of `jbw predict` under other loads: a sine of one level, a random profile or a "
         "shock; and the median of a quantity over the draws with its 99 % interval."
     ),
-    ("the same, own frequency", "the same, with the record's own frequency"): (
+    ("error, own frequency", "RMS error with the record's own frequency"): (
         "The error of a free decay if each record may have its own natural frequency, as a change "
         "of temperature would cause: the remaining error of the law."
     ),
     ("answer",): (
-        "Whether the data distinguish a law from the best one: best, worse or not told apart."
+        'Whether the data distinguish a law from the best law: "best", "worse", or "not told '
+        'apart" if the data do not distinguish the two laws.'
     ),
     ("test", "kind", "level", "record", "role", "run", "name", "test and repeats"): (
         "A test is one excitation of one kind at one level (amplitude of the source, in its "
@@ -277,12 +279,12 @@ WORDS: dict[tuple[str, ...], str] = {
     ): (
         "Error of a prediction: rms of measured minus predicted, divided by the rms of the "
         "record. It is the error of the law alone: a model discrepancy widens the bands and does "
-        "not change the error. In a list of runs it is the message of a failure. A column `s` "
-        "contains times in seconds."
+        "not change the error. In a list of runs, the column `error` contains the message of a "
+        "failed run. A column `s` contains times in seconds."
     ),
     (
-        "the same, best linear oscillator",
-        "the same, best cubic oscillator",
+        "RMS error, best linear oscillator",
+        "RMS error, best cubic oscillator",
         "best cubic oscillator",
         "best linear",
     ): (
@@ -294,9 +296,7 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     (
         "half width",
-        "its half width",
         "half width of the band / rms of the record",
-        "its half width / rms of the record",
     ): (
         "Half the width of the band, divided by the rms of the record. A wide band contains "
         "everything and says little."
@@ -322,8 +322,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "mean."
     ),
     ("coherence",): (
-        "The share of the response's power at resonance that the source explains linearly: one "
-        "where noise and nonlinearity add nothing."
+        "The share of the response's power at resonance that the source explains linearly; the "
+        "share is 1 if noise and nonlinearity add nothing."
     ),
     ("third harmonic",): (
         "Motion at three times the frequency of a tone, divided by the motion at the frequency "
@@ -402,11 +402,13 @@ WORDS: dict[tuple[str, ...], str] = {
         "Damping ratio of the linear spring and damper that dissipate the same energy in a cycle: "
         "the work divided by 2 pi, by the stiffness and by the squared amplitude."
     ),
-    ("stiffness / first stiffness of this amplitude",): (
+    ("stiffness / stiffness of first cycle of equal amplitude",): (
         "Secant stiffness of a cycle, divided by that of the first cycle of equal amplitude. "
         "Below 1 the joint degrades."
     ),
-    ("share",): ("A fraction: of the stiffness that slips, of the draws, or of the response."),
+    ("share",): (
+        "A fraction: the fraction of the stiffness that slips, of the draws, or of the response."
+    ),
     ("CHECK",): (
         "Mark of `jbw init` on a line of a campaign file whose value the records do not state. "
         "Check it before you identify."
