@@ -234,7 +234,8 @@ def citation() -> str:
     from pathlib import Path
 
     package = Path(__file__).parent
-    packed = package / "CITATION.cff"  # in the wheel; in a clone the file is next to the package
+    # The wheel contains the file in the package; in a clone the file is next to the package.
+    packed = package / "CITATION.cff"
     file = packed if packed.is_file() else package.parent / "CITATION.cff"
     return file.read_text(encoding="utf-8")
 

@@ -45,7 +45,7 @@ def address_space() -> float:
     """Return the address space limit of this process [bytes]; infinite if unlimited."""
     try:
         import resource
-    except ImportError:  # the system has no such limits
+    except ImportError:  # Only Unix has this module and such a limit.
         return float("inf")
     soft, _ = resource.getrlimit(resource.RLIMIT_AS)
     return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
@@ -108,7 +108,8 @@ class HeldRecords:
 
 NO_RECORDS = HeldRecords()
 Admit = Callable[[int, int, str], None]
-"""Refuses a record by its samples, its channels and its name, before it is read."""
+"""A function of a record's samples, channels and name; it raises an error before a record that is
+too large is read."""
 
 
 def require_memory(held: HeldRecords, last: str) -> None:
@@ -142,7 +143,7 @@ def admit_alone(samples: int, channels: int, name: str) -> None:
 def out_of_memory(error: BaseException) -> RunError:
     """Return the error of a process that has run out of memory."""
     return RunError(
-        f"The memory is exhausted, of which this process may take {most_memory() / 2**30:.1f} "
-        f"GiB: {' '.join(str(error).split()) or 'no size is stated'}.",
+        f"The memory that this process may take ({most_memory() / 2**30:.1f} GiB) is exhausted: "
+        f"{' '.join(str(error).split()) or 'no size is stated'}.",
         remedy=FEWER_SAMPLES,
     )

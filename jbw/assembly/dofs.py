@@ -130,7 +130,7 @@ def _named(name: str, what: str) -> Dof:
 def _unreadable(term: str, what: str) -> ConfigError:
     return ConfigError(
         f'{what} must be stated as "node:direction" or "node:direction*factor", but is `{term}`.',
-        remedy='Write such as "17:x" or "17:rx*0.0025"; directions are x, y, z, rx, ry, rz.',
+        remedy='Write for example "17:x" or "17:rx*0.0025"; directions are x, y, z, rx, ry, rz.',
     )
 
 

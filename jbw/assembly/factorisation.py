@@ -31,7 +31,7 @@ def solver_of(matrix: Sparse) -> Solve:
         raise ModelError(
             "The matrix K + |shift| M must be positive definite, but it cannot be factored.",
             why="A degree of freedom without mass and without stiffness moves freely.",
-            remedy="Constrain it, or leave its row out of the export.",
+            remedy="Constrain this degree of freedom, or leave its row out of the export.",
         ) from error
 
 

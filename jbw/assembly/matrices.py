@@ -240,7 +240,8 @@ def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:
             f"Matrix M must be positive definite, but is indefinite at node {dof.node}, direction "
             f"{dof.direction}.",
             why="A motion would have negative kinetic energy.",
-            remedy="Check that M and K were not exchanged, and the mass elements at that node.",
+            remedy="Check whether M and K were exchanged, and check the mass elements at node "
+            f"{dof.node}.",
         )
 
 

@@ -288,7 +288,7 @@ def _damping(
         raise ConfigError(
             f"Damping ratios must be one number, or {num}, one for each mode up to `to_hz`, "
             f"but are {ratios.size}.",
-            remedy="Give one damping ratio, or one for every kept mode.",
+            remedy="Give one damping ratio, or one damping ratio for every kept mode.",
         )
     if not (np.isfinite(ratios) & (ratios >= 0)).all():
         raise ModelError(
@@ -326,7 +326,7 @@ def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
         twice = next(name for name in names if names.count(name) > 1)
         raise ConfigError(
             f"Every joint must have a unique name, but `{twice}` occurs twice.",
-            remedy="Rename one of them.",
+            remedy="Rename one of these joints.",
         )
     if not 0 < to_hz < float("inf"):
         raise ConfigError(
@@ -348,15 +348,15 @@ def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
                 raise ConfigError(
                     f"Joints `{joints[i].name}` and `{joints[j].name}` must act at different "
                     "points, but their weights are the same up to a factor.",
-                    why="They have the same relative motion, so that no test distinguishes them.",
-                    remedy="Make one joint with two laws from them.",
+                    why="No test can separate two joints with the same relative motion.",
+                    remedy="Combine these joints into one joint with two laws.",
                 )
 
 
 def _immovable(joint: Joint, reason: str) -> ConfigError:
     return ConfigError(
         f"Joint `{joint.name}` must move, but {reason}.",
-        why="Its law would never act, and no test could determine its parameters.",
+        why="If a joint does not move, its law never acts, and no test can determine the law.",
         remedy="Give the degrees of freedom on both sides of the joint, not those that a "
         "constraint ties together, or raise `to_hz`.",
     )
@@ -375,7 +375,7 @@ def _require_participation(
     rigid = modes.omega == 0
     for joint, row in zip(joints, still, strict=True):
         if row.all():
-            raise _immovable(joint, "no mode up to `to_hz` moves it")
+            raise _immovable(joint, "no mode up to `to_hz` moves this joint")
         if not row[rigid].all():
             warnings.warn(
                 f"Joint `{joint.name}` is moved by a rigid-body mode. Is it a joint to ground, or "

@@ -172,8 +172,9 @@ def joint_separability(
     if still:
         raise ConfigError(
             f"Every swept mode must move a joint, but mode {still[0] + 1} moves none.",
-            why="Its row of B would be round-off, and would seem to distinguish joints.",
-            remedy="Leave it out of `modes`.",
+            why="The row of B of a mode that moves no joint is only round-off, and would seem to "
+            "separate joints.",
+            remedy=f"Leave index {still[0]} out of `modes`.",
         )
     motion = H[:, swept].T
     participation = np.abs(motion) ** (2 + exponent)
@@ -189,7 +190,7 @@ def joint_separability(
 def _of_groups(
     motion: np.ndarray, participation: np.ndarray, names: tuple[str, ...], groups: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return one column per group of tied joints: first joint's motion, sum of B, all names."""
+    """Return motion (of the first joint), sum of B, and joined names of each group of joints."""
     members = [[j for j, g in enumerate(groups) if g == group] for group in dict.fromkeys(groups)]
     return (
         motion[:, [joints[0] for joints in members]],

@@ -84,7 +84,7 @@ def joint_starts(
             f"`readings` must be {num_modes} numbers, one per mode, with a covariance of "
             f"{num_modes} x {num_modes}, but the shapes are {readings.shape} and "
             f"{covariance.shape}.",
-            remedy="Give one value for every mode of the separability.",
+            remedy="Give one value for each row of B, that is, for each mode in `modes`.",
         )
     if num_modes < num_joints:
         raise ConfigError(
@@ -97,7 +97,7 @@ def joint_starts(
     except np.linalg.LinAlgError:
         raise ConfigError(
             "The covariance of `readings` must be positive definite, but is not.",
-            remedy="Give the variances of independent values on its diagonal.",
+            remedy="For independent values, give a diagonal matrix of their variances.",
         ) from None
     scale = B.max(axis=0)
     scale = np.where(scale > 0, scale, 1.0)

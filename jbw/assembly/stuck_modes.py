@@ -77,7 +77,7 @@ def stuck_modes(stiffness: Sparse, mass: Sparse, to_hz: float) -> StuckModes:
         raise ConfigError(
             f"`to_hz` must lie above the first frequency, but is {to_hz:g} Hz, and the first "
             f"frequency is {np.sqrt(eigenvalues[0]) / (2 * np.pi):.4g} Hz.",
-            remedy=f"Set it to {2 * np.sqrt(eigenvalues[0]) / (2 * np.pi):.3g} Hz or more.",
+            remedy=f"Set `to_hz` to {2 * np.sqrt(eigenvalues[0]) / (2 * np.pi):.3g} Hz or more.",
         )
     omega = np.sqrt(np.where(eigenvalues > rigid, eigenvalues, 0.0)[in_range])
     return StuckModes(omega, _signed(shapes[:, in_range]), solve, shift)
@@ -134,8 +134,8 @@ def _indefinite(lowest: float) -> ModelError:
     return ModelError(
         "Matrix K with fully stuck joints must be positive semidefinite, but its lowest "
         f"eigenvalue is {lowest:.4g} rad^2/s^2.",
-        why="The structure would not return from a small motion.",
-        remedy="Is it the matrix of a preloaded, buckled structure, or are the units of M and K "
+        why="The structure would be unstable: a small motion would grow.",
+        remedy="Is K the matrix of a preloaded, buckled structure, or are the units of M and K "
         "different?",
     )
 
@@ -152,7 +152,8 @@ def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit
         raise ModelError(
             f"{count} modes must lie below {np.sqrt(between) / (2 * np.pi):.4g} Hz, but {below} "
             "were found.",
-            remedy="Change `to_hz` by a few per cent, so that it is not within a cluster of modes.",
+            remedy="Change `to_hz` by a few per cent, so that `to_hz` is not within a cluster of "
+            "modes.",
         )
 
 

@@ -62,10 +62,12 @@ def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) ->
         for what, quantities in (("response", RESPONSES[::-1]), ("drive", INPUTS[::-1])):
             others = [channel for channel in channels if channel not in roles.values()]
             names = ", ".join(others[:MOST_LISTED])
-            question = f"{file}: channel of the {what}, of {names} [leave it out]: "
+            question = f"{file}: which channel is the {what}: {names}? [none]: "
             channel = _one_of(others, question, "", ask, tell)
             if channel:
-                measured = f"{file}: what {channel} measures, {' or '.join(quantities)}"
+                measured = (
+                    f"{file}: which quantity does {channel} measure: {' or '.join(quantities)}?"
+                )
                 default = quantities[0]
                 role = _one_of(quantities, f"{measured} [{default}]: ", default, ask, tell)
                 roles[role] = channel
@@ -77,7 +79,7 @@ def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) ->
 def _one_of(names: Collection[str], question: str, default: str, ask: Ask, tell: Tell) -> str:
     """Ask until the user gives one of the names; return it, or the default for an empty answer."""
     while (answer := ask(question).strip()) and answer not in names:
-        tell(f"`{answer}` is none of them. {did_you_mean(answer, names)}".rstrip())
+        tell(f"`{answer}` is not one of the listed names. {did_you_mean(answer, names)}".rstrip())
     return answer or default
 
 
@@ -146,7 +148,7 @@ def _value(line: str, key: str, answer: str) -> str:
 
 
 def _of(line: str, role: str, answer: str) -> str:
-    """Return a line with one quantity's unit or channel replaced; other marks of doubt remain."""
+    """Return a line with one quantity's unit or channel replaced; keep its other CHECK marks."""
     match = LINE.match(line)
     body, why = (line, "") if match is None else (line.partition("  # CHECK: ")[0], match[4])
     key, _, value = body.partition(" = ")

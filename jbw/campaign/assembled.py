@@ -150,7 +150,8 @@ class JointTable(FileTable):
         ]
         if len(stated_keys) > 1:
             raise ValueError(
-                f"{stated_keys[1]}: states the same as `{stated_keys[0]}`; leave out either."
+                f"{stated_keys[1]}: states the same as `{stated_keys[0]}`; leave out one of the "
+                "two."
             )
         return self
 
@@ -241,8 +242,8 @@ def laws_by_joint(joints: Sequence[JointTable]) -> tuple[str, ...]:
         raise ConfigError(
             f"[[joint]] `{twice}` name: must differ from the names of other joints in letters "
             "or digits.",
-            why="In the names of its parameters, _ replaces all other characters.",
-            remedy="Rename one of them.",
+            why="In names of parameters, _ replaces all characters except letters and digits.",
+            remedy=f"Rename joint `{twice}`, or the joint with nearly the same name.",
         )
     return tuple(
         law_name(law, map(label, names)) for leader, names in shared for law in leader.laws

@@ -38,6 +38,7 @@ from jbw.measurement.faults.lag_of_noise import untimely
 from jbw.measurement.faults.long_records import DRIFTS, long_records
 from jbw.measurement.faults.loops import loop_causes, one_sided, travels_freely
 from jbw.measurement.faults.plausibility import doubts, swapped
+from jbw.measurement.faults.second_resonance import second_resonance
 from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
@@ -367,7 +368,8 @@ def findings(
         return [*stated, *doubtful(record, test, first)]
 
     doubts = [] if worst(facts) == "error" else doubtful(record, test, first)
-    # Only cuts of a record are tried, because what file and campaign state is certain.
+    # Contradictions between file and campaign are certain; of their remedies, only cuts of the
+    # record are tried.
     certain = [fault for fault in facts if not SPAN.search(fault.remedy)]
     uncertain = [
         replace(fault, remedy=in_whole_periods(fault.remedy, record, test.periods))
@@ -415,6 +417,8 @@ def _doubtful(
         faults += examined.faults
     elif test.traits.is_free and test.band is not None:
         faults += begins_late(record, test.band, test.settle)
+    elif of_one_mode and test.traits.is_broadband and test.traits.is_driven:
+        faults += second_resonance(record, test.band, test.delay)
     if first and test.traits.is_transient and test.traits.is_driven:
         faults += noisy_drive(first[0], record)
     return faults

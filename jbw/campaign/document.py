@@ -107,7 +107,8 @@ def text_of(path: Path, what: str, remedy: str) -> str:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(
-            f"{path.name} is not UTF-8: byte {error.start}.", remedy="Save it as UTF-8."
+            f"{path.name} is not UTF-8: byte {error.start}.",
+            remedy="Save the campaign file as UTF-8.",
         ) from None
 
 
@@ -163,7 +164,7 @@ def checked[Found: FileTable](
 def _lines(model: type[FileTable], error: ErrorDetails) -> Iterator[str]:
     """Yield the sentences on one error of a table, each with the key concerned."""
     key, *inner = [str(part) for part in error["loc"] if isinstance(part, str)] or [""]
-    # If an error concerns a whole table, its sentences may name their key themselves.
+    # If an error concerns a whole table, the text of the error may already begin with a key.
     names = f" {': '.join([key, *inner])}: " if key else ""
     for line in _sentence(model, key, error).splitlines():
         yield names + line if names else f" {line}" if re.match(r"\w+:", line) else f": {line}"
@@ -328,7 +329,7 @@ def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
     other, first = same[-1]
     if first[2] == last[2]:
         return messages.key_again(number, last[1], other)
-    if first[2] and last[2]:  # Here the two lines name two quantities.
+    if first[2] and last[2]:  # Lines of one table with different dotted keys are valid.
         return None
     role, item, table = (last[2], last[3], first[3]) if last[2] else (first[2], first[3], last[3])
     return _in_one_table(last[1], role, item, table, (other, number))

@@ -10,7 +10,7 @@ Gain = float | Mapping[str, float] | None  # one value for all tests, or one val
 WEIGHTLESS = {*FED, BASE}  # sources whose gain does not follow from a modal mass
 
 
-def force_per_unit(campaign: Any) -> Gain:  # a campaign as checked, or with its records
+def force_per_unit(campaign: Any) -> Gain:  # a checked campaign, with or without records
     """Return the force per modal mass for one unit of input [1/kg or N/kg/V]; None if unknown.
 
     If a measured force drives some tests and a shaker's voltage or current others, the gains are

@@ -323,16 +323,16 @@ def _refuse_stated_twice(spec: CampaignSpec) -> None:
     for name, is_stated in stated.items():
         if is_stated:
             raise ConfigError(
-                f"[campaign] {name}: must be left out if [structure] has `matrices`, whose "
-                "modes have known masses, but is stated.",
+                f"[campaign] {name}: not allowed if [structure] has `matrices`, because the "
+                "matrices determine the masses of the modes.",
                 remedy=f"Leave `{name}` out.",
             )
     if spec.instruments.is_stated:
         raise ConfigError(
-            "[campaign]: errors of instruments must be left out if [structure] has `matrices`, "
-            "but are stated.",
-            why="Their effect on the parameters of several joints cannot be computed yet.",
-            remedy="Leave them out.",
+            "[campaign]: errors of instruments are not allowed if [structure] has `matrices`.",
+            why="The effect of these errors on the parameters of several joints cannot be computed "
+            "yet.",
+            remedy="Leave the errors of instruments out of [campaign].",
         )
 
 

@@ -75,7 +75,8 @@ class Campaign:
     laws: tuple[str, ...] = DEFAULT_LAWS  # laws that act in parallel across the joint
     # torque and other facts about the assembly, if stated
     assembly: Assembly = field(default_factory=Assembly)
-    # modes that move the joint; None for one mode; a mapping of its keys is also accepted
+    # [structure] of the campaign file, as an object or as a mapping of its keys; None if only one
+    # mode moves the joint
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # known errors of clock and calibration
     joints: SeveralJoints | None = None  # joints, if the structure has several; None for one joint

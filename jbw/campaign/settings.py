@@ -229,13 +229,13 @@ class Structured(FileTable):
         shape, num = self.joint_shape, len(self.modes)
         if len(self.points) > MOST_POINTS or len(set(self.points)) < len(self.points):
             raise ValueError(
-                f"points: must be {MOST_POINTS} different names at most, but are {self.points}."
+                f"points: must be at most {MOST_POINTS} different names, but are {self.points}."
             )
         if self.modal and (self.driving_point or shape):
             named = "driving_point" if self.driving_point else "joint_shape"
             raise ValueError(
-                f"modal: modes with separate laws share no joint, which `{named}` describes; "
-                "leave out either."
+                f"modal: modes with separate laws do not share a joint, but `{named}` describes a "
+                f"shared joint; leave out `modal` or `{named}`."
             )
         if self.points and num == 1:
             raise ValueError(
@@ -275,13 +275,15 @@ def structure_errors(
             what = "modal" if structure.modal else "points"
             yield (
                 f"[structure] {what}: free decays of several modes allow only one joint and one "
-                f"point, but test `{test.name}` is one; identify every mode in a separate band."
+                f"point, but test `{test.name}` is a free decay; identify every mode in a separate "
+                "band."
             )
         if not _knows_several(test.traits):
             named = f"test `{test.name}`" if test.name else "a test"
             yield (
                 f"[structure]: {named} is of kind `{test.kind}`, which models only one mode; leave "
-                f"it out of the file, or all modes but the first (several: {', '.join(several)})."
+                "the test out of the file, or state only one mode (kinds that model several modes: "
+                f"{', '.join(several)})."
             )
 
 
@@ -366,7 +368,7 @@ def _out_of_bounds(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator
             from jbw.oscillator.laws import LAWS
 
             owners = [law.name for law in LAWS.values() if name in law.names()]
-            owner = f" of the chosen laws; law `{owners[0]}` has it" if owners else ""
+            owner = f" of the chosen laws; law `{owners[0]}` has this parameter" if owners else ""
             yield f"{name}: unknown parameter{owner}{unlike(name, quantities)}."
             continue
         if (must := must_be(quantities[name], lower)) is not None:

@@ -127,16 +127,16 @@ class TestSpec(FileTable):
     band: values.Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
     residuals: Literal["auto", "none", "upper", "both", "own"] = key(
         "auto",
-        "constant terms for modes outside the band, shared by all tests: for modes above the "
-        "band (upper), or for modes below it too (both); own: both, for this test alone; "
-        "auto: if the fit shows them",
+        "constant terms for modes outside the band; upper: for modes above the band, shared by all "
+        "tests; both: for modes above and below the band, shared by all tests; own: as both, but "
+        "for this test alone; auto: added if the fit shows modes outside the band",
         "upper",
     )
     drive: Literal["voltage", "current", "force", "base", "none"] | None = key(
         None,
-        "source of the test, or what is attached in a free decay: with voltage or current the "
-        "shaker moves with the structure; by default as the unit of the input states, force "
-        "if a force is the source, base if it is the acceleration of the base, none for a "
+        "source of the test; in a free decay, the shaker that remains attached: with voltage or "
+        "current the shaker moves with the structure; by default from the unit of the input, force "
+        "if a force is the source, base if the acceleration of the base is the source, none for a "
         "decay",
         "voltage",
     )
@@ -212,8 +212,8 @@ class TestSpec(FileTable):
     )
     gaps: Literal["refuse", "mask"] = key(
         "refuse",
-        "treatment of samples that are NaN; mask leaves out these lines of kind frf, backbone "
-        "or curve",
+        "treatment of samples that are NaN; mask leaves out the lines with NaN in a test of kind "
+        "frf, backbone or curve",
         "refuse",
     )
     span: values.Span | None = key(None, "first and last second to read", [0.0, 8.0])
@@ -222,8 +222,8 @@ class TestSpec(FileTable):
     )
     points: values.Named = key(
         dict,
-        "additional channels of the response, in its unit, by the points of [structure] where "
-        "they are measured",
+        "additional channels of the response, in the unit of the response; each key is the point "
+        "of [structure] where the channel is measured",
         {"wing": "wing.acceleration"},
     )
 
@@ -311,26 +311,33 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
         yield f"channels: `frequency` and `phase` belong to kind {curves}."
     if not is_curve and test.amplitudes != "peak":
-        yield f"amplitudes: for kind {curves} only; samples of a record have no such meaning."
+        yield (
+            f"amplitudes: for kind {curves} only; the samples of a record in time are neither peak "
+            "nor rms values."
+        )
     if is_curve and test.remove_mean:
-        yield f"remove_mean: for records in time, not for kind {curves}."
+        yield f"remove_mean: applies only to records in time, not to tests of kind {curves}."
     if test.conjugate and not is_curve:
-        yield f"conjugate: for kind {curves}; the samples of a record have no phase."
+        yield f"conjugate: for kind {curves} only; the samples of a record in time have no phase."
     yield from _of_controlled_tests(test)
     free = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_free)
     if test.window_s and not test.traits.is_free:
         yield (
-            f"window_s: for kind {free} only; other records have no window that begins at "
-            "their start."
+            f"window_s: for kind {free} only; records of other kinds have no window that begins at "
+            "the start of the record."
         )
     timed = test.traits.is_driven and not is_curve
     if test.clock_ppm and not timed:
-        yield "clock_ppm: for records in time of a driven test; others have no second clock."
+        yield (
+            "clock_ppm: for records in time of a driven test only; records of other tests have no "
+            "second clock."
+        )
     if abs(test.clock_ppm) > MOST_PPM:
         yield f"clock_ppm: must be at most {MOST_PPM:g} to either side, but is {test.clock_ppm:g}."
     if test.lines_hz and not test.traits.is_free:
         yield (
-            f"lines_hz: for kind {free} only; the drive of other records is itself a steady line."
+            f"lines_hz: for kind {free} only; in tests of other kinds the drive itself is a "
+            "steady line."
         )
     prescribed = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_prescribed)
     if test.load_cell != "exact" and not test.traits.is_prescribed:
@@ -339,11 +346,11 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     # input; only a curve may therefore omit points.
     if not is_curve and test.gaps == "mask":
         yield (
-            f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "
-            "keep a clean part by `span`, or leave the record out by `exclude`."
+            f"gaps: kind `{test.kind}` needs every sample; samples can be masked only in kind "
+            f"{curves}; keep a part without gaps by `span`, or leave the record out by `exclude`."
         )
     if test.resample and is_curve:
-        yield f"resample: for records in time, not for kind {curves}."
+        yield f"resample: applies only to records in time, not to tests of kind {curves}."
     if test.resample and test.band and 2 * test.band[1] > test.resample:
         yield (
             f"resample: must be at least twice the end of band, {test.band[1]:g} Hz, but is "
@@ -369,17 +376,20 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
     traits = test.traits
     if not traits.is_driven or traits.is_curve or traits.is_prescribed:
         kinds = [k.name for k in KINDS.values() if k.is_driven and not k.is_curve]
-        yield f"channels: `base` is for records in time of kind {', '.join(kinds)}."
+        yield f"channels: `base` is allowed only in records in time of kind {', '.join(kinds)}."
     if test.drive not in (None, BASE) or not roles.isdisjoint(INPUTS):
         other = next((role for role in INPUTS if role in roles), f"drive = {test.drive!r}")
-        yield f"channels: `base` is what drives the test, and so is `{other}`: leave out either."
+        yield (
+            f"channels: both `base` and `{other}` state the source of the test: leave out one of "
+            "the two."
+        )
     if not test.relative_to_base and "acceleration" not in roles:
         yield (
             "channels: with `base` the response must be `acceleration`, unless it was measured "
             "relative to the base. Put under [[test]]: `relative_to_base = true`."
         )
     if test.delay:
-        yield "delay: not allowed with `base`, because the response must not lag behind it."
+        yield "delay: not allowed with `base`, because the response must not lag behind the base."
 
 
 def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
@@ -394,10 +404,10 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
         )
     for name in ("locked_phase", "phase_tolerance"):
         if name in test.model_fields_set and not test.traits.is_locked:
-            yield f"{name}: for kind {locked}; other kinds have no held phase."
+            yield f"{name}: for kind {locked} only; in tests of other kinds no phase is held."
     for name in ("amplitude_std", "jumps"):
         if name in test.model_fields_set and not test.traits.is_controlled:
-            yield f"{name}: for kind {controlled}; other kinds have no controlled points."
+            yield f"{name}: for kind {controlled} only; other kinds have no controlled points."
 
 
 def _curves() -> str:

@@ -116,7 +116,7 @@ def _cures(
 
 
 def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) -> bool:
-    """Return whether a corrected record has the mode [Hz, -] that was fitted with its fault.
+    """Return whether a corrected record still has the mode [Hz, -] fitted together with the fault.
 
     A part of a record (`span`) has other amplitudes, at which a joint has another mode; any reading
     is accepted then.

@@ -81,7 +81,7 @@ def whole(least: int) -> Callable[[Any], int]:
 
     def check(value: Any) -> int:
         if isinstance(value, bool) or not isinstance(value, int) or value < least:
-            raise ValueError(f"must be a whole number from {least} on, but is {value!r}.")
+            raise ValueError(f"must be a whole number of at least {least}, but is {value!r}.")
         return value
 
     return check
@@ -95,7 +95,7 @@ def repeats(value: Any) -> int | str:
         return whole(1)(value)
     except ValueError:
         raise ValueError(
-            f'must be a whole number from 1 on, or "{ALL}", but is {value!r}.'
+            f'must be a whole number of at least 1, or "{ALL}", but is {value!r}.'
         ) from None
 
 
@@ -156,7 +156,7 @@ def nonzero(value: Any) -> tuple[Any, ...]:
 
 
 def modes(value: Any) -> tuple[Any, ...] | int:
-    """Return a number of modes, or a list of different frequencies."""
+    """Check `modes` and return it: a number of modes, or different frequencies."""
     return whole(1)(value) if isinstance(value, int) else unequal(value)
 
 

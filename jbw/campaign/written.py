@@ -6,7 +6,7 @@ from pathlib import Path
 from jbw.errors import ConfigError
 
 NAMED = "campaign.toml"
-CAMPAIGN = "Campaign file", "Write one with: jbw init FOLDER"
+CAMPAIGN = "Campaign file", "Write a campaign file with: jbw init FOLDER"
 
 
 def is_campaign(path: Path) -> bool:
@@ -36,7 +36,7 @@ def require_file(path: Path, what: str, remedy: str) -> None:
         inside = sorted(path.glob("*.toml"))
         raise ConfigError(
             f"{what} `{path}` must be a file, but it is a folder.",
-            remedy=f"Name the file in it: {shlex.quote(str(inside[0]))}"
+            remedy=f"Name the file in this folder: {shlex.quote(str(inside[0]))}"
             if inside
             else remedy.replace("FOLDER", shlex.quote(str(path))),
         )

@@ -94,7 +94,7 @@ def explain(code: str | None, json_: bool) -> None:
 
 
 def in_one_line(page: str) -> str:
-    """Return the first sentence of a finding's page, which tells what the check examines."""
+    """Return the first sentence of a finding's page, which states what the check examines."""
     sentence = re.match(r"(?:Check: )?(.+?)(?:[.;:]\s|[.;:]?$)", " ".join(page.split()))
     return "" if sentence is None else sentence[1]
 
@@ -159,7 +159,8 @@ def first_page(package: Path) -> Path:
             return page
     raise RunError(
         f"The documentation is not built here: there is no {folders[-1] / 'index.html'}.",
-        remedy='Build it in a clone of jbw: pip install -e ".[docs]" && mkdocs build',
+        remedy="Build the documentation in a clone of jbw: "
+        'pip install -e ".[docs]" && mkdocs build',
     )
 
 

@@ -125,8 +125,8 @@ def demo(
 @given_argument
 @out_option(messages.RUN_FOLDER)
 @click.option(
-    "--quick", is_flag=True, help="Stop after the fit, in seconds; intervals and bands come "
-    "from its covariance. `jbw resume` continues from there.",
+    "--quick", is_flag=True, help="Stop after the fit, which takes seconds; intervals and "
+    "bands come from the covariance of the fit. `jbw resume` continues from the fit.",
 )  # fmt: skip
 @click.option(
     "--final", is_flag=True, help="Fit all tests after the held-out tests have shown the "
@@ -180,7 +180,7 @@ def identify(
     campaign, *others = campaigns
     if others:
         if final:
-            raise click.UsageError("--final is for one campaign: give them one after the other.")
+            raise click.UsageError("--final is for one campaign: run each campaign separately.")
         place = out or Path("runs")
         asked = {"seed": seed, "allow_outside": allow_outside, "figures": figures, "quick": quick}
         return identify_several(campaigns, place, workers, json_, strict, asked, brief=brief)

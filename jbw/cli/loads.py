@@ -53,7 +53,7 @@ def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
     if have is None or want is None or have[1] != want[1]:
         raise ConfigError(
             f"Option {option} must be in {unit}, but is in {stated}.",
-            remedy=f"Give {option} in {unit}, or with --base for an acceleration of the base.",
+            remedy=f"Give {option} in {unit}; for an acceleration of the base, add --base.",
         )
     return value * have[0] / want[0]
 

@@ -48,7 +48,7 @@ def look(
     if html is not None and html.suffix.lower() not in (".html", ".htm"):
         raise ConfigError(
             f"Option --html must end in .html, but is {html}.",
-            remedy="Name a file such as look.html.",
+            remedy="Use a file name that ends in .html, for example look.html.",
         )
     campaign = one_campaign(given)
     with telling(STARTING) as say:  # this command does not need JAX

@@ -94,7 +94,7 @@ def figure_option(what: str, example: str) -> Option:
         if path is not None and path.suffix not in PICTURES:
             raise ConfigError(
                 f"Option --figure must end in one of {', '.join(PICTURES)}, but is {path}.",
-                remedy=f"Name a file such as {example}.",
+                remedy=f"Use a file name with one of these endings, for example {example}.",
             )
         return path
 

@@ -114,10 +114,10 @@ def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
         low, high = map(float, torques.split(":"))
     except ValueError:
         raise click.UsageError(
-            f"--torques must be from:to in N m, as 2:12, not {torques}."
+            f"--torques must be from:to in N m, for example 2:12, but is {torques}."
         ) from None
     if not scatter > 0.0:
-        raise click.UsageError(f"--scatter must be above zero, as 0.1, not {scatter:g}.")
+        raise click.UsageError(f"--scatter must be positive, for example 0.1, but is {scatter:g}.")
     designs = fleet_designs((low, high))
     rows = [design._asdict() for design in designs]
     small, large = designs[1], designs[4]

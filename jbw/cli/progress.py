@@ -178,7 +178,7 @@ def telling(first: str = "") -> Iterator[Teller]:
     under_way.propagate = False
     under_way.addHandler(heard)
     with warnings.catch_warnings():
-        warnings.showwarning = show  # restored together with the filters
+        warnings.showwarning = show  # `catch_warnings` restores the original function at the end.
         beating.start()
         try:
             yield say
@@ -217,7 +217,7 @@ def working(say: Teller, folder: Path) -> "Iterator[Job]":
 
 
 def called(name: str) -> str:
-    """Return the displayed name of a running posterior, given the name of its stored draws."""
+    """Return the displayed name of a posterior that is sampled, given the name of its draws."""
     base, _, round_number = name.rpartition("_") if name[-1:].isdigit() else (name, "", "0")
     step = next((prefix for prefix in STEPS if f"{base}_".startswith(prefix)), base)
     how = f"{base}_".removeprefix(step).strip("_").replace("_", " ")

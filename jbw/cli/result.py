@@ -82,7 +82,7 @@ def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bo
     if out is not None and out.suffix.lower() != ".pdf":
         raise ConfigError(
             f"Option --out must end in .pdf with --brief, but is {out}.",
-            remedy="Name a PDF file, for example --out brief.pdf.",
+            remedy="Use a file name that ends in .pdf, for example --out brief.pdf.",
         )
     page = save_brief(folder, out)
     answer(json_, {"brief": str(page)}, saved=str(page))

@@ -59,7 +59,8 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     "--population",
     "fleet",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Fleet at several torques, from `jbw collect`: also state a change as one of torque.",
+    help="Fleet at several torques, from `jbw collect`; a change is then also stated as a change "
+    "of torque.",
 )
 @json_option
 def watch(

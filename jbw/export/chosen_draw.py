@@ -42,8 +42,8 @@ def density_of(tree: xr.DataTree) -> NDArray[np.float64]:
     if stats is None or "lp" not in stats.data_vars:
         raise DataError(
             "The result has no density of its draws, `lp` in /sample_stats.",
-            why="Without it, the most probable draw cannot be determined.",
-            remedy="Choose one: --draw N.",
+            why="Without the density, the most probable draw cannot be determined.",
+            remedy="Choose a draw by its number: --draw N.",
         )
     return np.ravel(stats["lp"].transpose("chain", "draw").values)
 

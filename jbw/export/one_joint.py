@@ -114,7 +114,7 @@ def export(
     if are_at_joints(laws):
         raise DataError(
             f"`export` is for one joint, but this run has the joints {', '.join(joints_of(laws))}.",
-            remedy="Call `export_joints`, which exports all of them.",
+            remedy="Call `export_joints`, which exports all joints.",
         )
     if has_further_modes(posterior):
         warnings.warn(
@@ -241,11 +241,11 @@ def _require_positive(**arguments: float) -> None:
         if not value > 0.0:
             raise ConfigError(
                 f"Argument `{name}` must be positive, but it is {value:g}.",
-                remedy=f"Give it: --{name.replace('_', '-')}.",
+                remedy=f"Give a positive value: --{name.replace('_', '-')}.",
             )
 
 
-# -- what it is ------------------------------------------------------------------------------------
+# -- verdict and origin of the export --------------------------------------------------------------
 def verdict_of(summary: RunSummary) -> Iterable[str]:
     """Yield one line: the run's verdict, with the main reason for it."""
     status = summary.verdict.status or "not assessed"

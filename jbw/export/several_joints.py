@@ -199,9 +199,9 @@ def refuse_options_of_one_joint(**options: Any) -> None:
             raise ConfigError(
                 f"Option `--{name.replace('_', '-')}` must be left out for a run with several "
                 f"joints, but it is {value:g}.",
-                why="Their laws are in newtons and metres, and the tables of each joint reach to "
-                "its largest measured motion.",
-                remedy="Leave it out.",
+                why="Laws of several joints are in newtons and metres, and the table of each joint "
+                "extends to the largest measured motion of the joint.",
+                remedy="Leave this option out.",
             )
 
 

@@ -220,7 +220,7 @@ def _require_power(density: Values, omega_n: Values) -> None:
             "The profile must have power at the natural frequency, but has none at "
             f"{float(np.median(omega_n)) / (2.0 * np.pi):.4g} Hz.",
             why="Only the motion of the mode is predicted.",
-            remedy="Widen the profile, or predict a joint whose mode it drives.",
+            remedy="Widen the profile, or predict a joint whose mode the profile drives.",
         )
 
 
@@ -238,7 +238,7 @@ def _require_light(damping: Values) -> None:
         raise ModelError(
             f"The equivalent damping ratio must be at most {HEAVY:g} for averaging of the energy, "
             f"but is {np.median(damping):.3g}.",
-            why="The energy then changes within a cycle.",
+            why="With heavier damping, the energy changes within a cycle.",
             remedy="Simulate the motion by `jbw.simulate` with samples of the force.",
         )
 

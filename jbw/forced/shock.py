@@ -81,7 +81,7 @@ def classical_pulse(
         raise ConfigError(
             f"A shock must have a positive peak and duration, but has {peak:g} {unit} and "
             f"{duration:g} s.",
-            remedy="Write it as `20g,11ms`.",
+            remedy="Write the shock as `20g,11ms`.",
         )
     count = max(SAMPLES, int(np.ceil(duration * fs)))
     samples = peak * SHAPES[shape](np.linspace(0.0, 1.0, count + 1))
@@ -104,7 +104,7 @@ def pulse_of(text: str, fs: float = 0.0) -> Pulse:
     if len(parts) not in (2, 3) or None in units or not second or units[1][1] != second[1]:  # pyright: ignore[reportOptionalSubscript]
         raise ConfigError(
             f"A shock must state its peak and its duration with units, but is {text!r}.",
-            remedy="Write it as `20g,11ms`, or with its shape as `20g,11ms,sawtooth`.",
+            remedy="Write the shock as `20g,11ms`, or with its shape as `20g,11ms,sawtooth`.",
         )
     values = [_number(found[1], text) for found in match if found]
     unit = next(
@@ -123,7 +123,7 @@ def _number(text: str, whole: str) -> float:
     except ValueError as cause:
         raise ConfigError(
             f"A shock must state a number, but {text!r} of {whole!r} is not a number.",
-            remedy="Write it as `20g,11ms`.",
+            remedy="Write the shock as `20g,11ms`.",
         ) from cause
 
 

@@ -124,7 +124,7 @@ def _require(loop: ForcedLoop) -> None:
         raise DataError(
             f"A force loop must have {FEWEST} finite samples or more, but a loop has "
             f"{int(np.sum(np.isfinite(y)))}.",
-            remedy="Leave out the loop, or its samples without a number.",
+            remedy="Leave out the loop, or remove its samples that are not finite.",
         )
     if not np.ptp(y) > 0:
         raise DataError(

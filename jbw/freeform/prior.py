@@ -82,7 +82,7 @@ def power_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def iwan_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of strengths that follow a power up to a limit, with extra sliders there."""
+    """Return the prior of slider strengths under a power law, with extra sliders at its limit."""
     x_largest = float(grid.log_d[-1] + grid.width / 2 - np.log(ABOVE))
 
     def strengths(theta: Particles) -> SliderStrengths:
@@ -100,7 +100,7 @@ def iwan_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def masing_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of slider strengths of any form that follow Masing's rule."""
+    """Return the prior of slider strengths of arbitrary form, under Masing's rule."""
     num, from_middle, root = len(grid.log_d), grid.log_d - x_middle, _root(grid)
 
     def strengths(theta: Particles) -> SliderStrengths:
@@ -116,7 +116,7 @@ def masing_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
 
 
 def loose_prior(grid: SliderGrid, x_middle: float) -> StrengthPrior:
-    """Return the prior of slider strengths of any form that need not follow Masing's rule."""
+    """Return the prior of slider strengths of arbitrary form, without Masing's rule."""
     num, from_middle, root = len(grid.log_d), grid.log_d - x_middle, _root(grid)
     bound = masing_prior(grid, x_middle)
 
@@ -149,7 +149,7 @@ PRIORS = {
 def _bound_slopes(
     theta: Particles, by: SliderStrengths, from_middle: Reals, root: Float[np.ndarray, "bin bin"]
 ) -> Particles:
-    """Convert derivatives by log strengths to derivatives by the prior's parameters."""
+    """Convert derivatives with respect to log strengths to those of the prior's parameters."""
     by_log = by.of_stiffness + by.of_loss
     sigma, by_xi = np.exp(theta[:, 2:3]), by_log @ root
     by_sigma = sigma[:, 0] * np.sum(by_xi * theta[:, 4:], axis=1)

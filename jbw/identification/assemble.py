@@ -154,7 +154,7 @@ def assemble(seen: Measured) -> Dataset:
     parts += _reduced(_reducible(seen), seen)
     if not parts:
         raise DataError(
-            "The campaign has no test that the joint can be fitted to.",
+            "The campaign has no test to which the joint can be fitted.",
             why="Tones near the resonance are only for validation; noise alone does not determine "
             "the joint.",
             remedy="Add sweeps, stepped sines, response curves, loops, free decays or tones near "
@@ -190,10 +190,11 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
     loops = any(test.traits.is_prescribed for test in tests)
     if loops and stated_gain is None and ((others and "gain" in held) or first in FED):
         raise DataError(
-            "Loops together with tests driven by a shaker's feed need the modal mass, which these "
-            "tests do not determine.",
-            why="A measured force or a free decay would; a voltage or a current does not.",
-            remedy="Fit a free decay or a sweep by a measured force too, or hold the loops out.",
+            "Loops together with tests driven by a shaker's voltage or current need the modal "
+            "mass, which these tests do not determine.",
+            why="A measured force or a free decay determines the modal mass; a voltage or a "
+            "current does not.",
+            remedy="Also fit a free decay or a sweep with a measured force, or hold the loops out.",
         )
     return held | {name: value for name, value in stated.items() if value is not None}
 
@@ -205,8 +206,10 @@ def _require_labels(parts: Sequence[Observable]) -> None:
     if twice and attached(parts):
         raise DataError(
             f"Groups of data must have different names, but {len(twice)} are `{twice[0]}`.",
-            why="Tones of one level are one group, but different drives move these.",
-            remedy="Correct `level` of the tones driven otherwise, in the unit of their source.",
+            why="Tones of one level form one group, but the tones of this group have different "
+            "drives.",
+            remedy="Correct `level` of these tones: state it in the unit of the source of each "
+            "tone.",
         )
 
 

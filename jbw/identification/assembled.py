@@ -41,14 +41,15 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
         raise ConfigError(
             "[identify] compare_with must be linear where a structure has several joints, but "
             "names cubic, a spring of one joint.",
-            remedy='Put under [identify]: `compare_with = ["linear"]`, or leave it out.',
+            remedy='Put under [identify]: `compare_with = ["linear"]`, or leave `compare_with` '
+            "out.",
         )
     if settings.coordinates not in ("auto", "paper"):
         raise ConfigError(
             "[identify] coordinates must be auto or paper where a structure has several joints, "
             f"but is {settings.coordinates}.",
-            why="The laws of several joints are sampled in their own parameters.",
-            remedy="Leave it out.",
+            why="For several joints, the parameters of the laws are always sampled themselves.",
+            remedy="Leave `coordinates` out of [identify].",
         )
     _require_first_point(reduced.outputs[0], tests)
     driven = _driven_modes(reduced, tests)
@@ -57,9 +58,9 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
     points = tuple(dict.fromkeys(test.point for test in tests if test.point))
     if len(points) > MOST_POINTS:
         raise ConfigError(
-            f"[structure] points: tests must be at {MOST_POINTS} points at most beside the first, "
-            f"but are at {len(points)}.",
-            remedy="Leave the tests of one out of the file.",
+            f"[structure] points: tests may be measured at up to {MOST_POINTS} points in addition "
+            f"to the first, but are measured at {len(points)}.",
+            remedy="Leave all tests at one of these points out of the file.",
         )
     rows = dict(zip(reduced.outputs, reduced.c[:, order], strict=True))
     numbers = held_numbers(
@@ -84,8 +85,9 @@ def _require_first_point(first: str, tests: Sequence[Test]) -> None:
     """Raise a ConfigError if no test is at the first point, which determines the gain."""
     if all(test.point for test in tests):
         raise ConfigError(
-            f"[structure] points: a test must be measured at `{first}`, the first one, but all "
-            f"state `point`, such as `{tests[0].point}`.",
+            "[structure] points: at least one test must leave `point` out, which means that it is "
+            f"measured at the first point, `{first}`, but all tests state `point`, for example "
+            f"`{tests[0].point}`.",
             remedy=f"Leave `point` out of tests at `{first}`, or name another point first.",
         )
 
@@ -102,8 +104,9 @@ def require_known_laws(laws: Sequence[str]) -> None:
         if (drags := feels_rate(kind)) or kind.degrades:
             behaviour = "is a damper" if drags else "changes with every cycle"
             raise ConfigError(
-                f"[[joint]] `{joints[0]}` laws: must be springs or hysteresis that no cycle "
-                f"changes, but `{plain}` {behaviour}, which several joints do not identify yet.",
+                f"[[joint]] `{joints[0]}` laws: must be springs or hysteresis that does not change "
+                f"from cycle to cycle, but `{plain}` {behaviour}, which is not supported yet for "
+                "several joints.",
                 remedy="Give the joint hysteresis such as bouc_wen, or a spring.",
             )
 
@@ -113,8 +116,8 @@ def _require_kinds(tests: Sequence[Test]) -> None:
         if not (test.traits.is_transient or test.traits.is_periodic or test.traits.is_free):
             raise ConfigError(
                 f"[[test]] {test.name}: must be a sweep, a multisine or free decays where a "
-                f"structure has several joints, but is of kind `{test.kind}`, which they do not "
-                "identify yet.",
+                f"structure has several joints, but is of kind `{test.kind}`, which is not "
+                "supported yet for several joints.",
                 remedy="Leave the test out of the campaign file.",
             )
         if test.traits.is_free and test.point:
@@ -134,7 +137,7 @@ def _require_bands(tests: Sequence[Test], driven_hz: Float[np.ndarray, " mode"])
         low, high = test.band_hz
         if not (low < low_hz and high_hz < high):
             raise ConfigError(
-                f"[[test]] {test.name}: `band` must hold all modes that tests move, "
+                f"[[test]] {test.name}: `band` must contain all modes that the tests move, "
                 f"{', '.join(f'{hz:.4g}' for hz in driven_hz)} Hz, but is {low:g} to {high:g} Hz.",
                 why="The modes of a free decay ring at once, and all move the joints.",
                 remedy="Widen `band`, or leave the test out of the campaign file.",
@@ -147,7 +150,8 @@ def _require_sources(tests: Sequence[Test]) -> None:
     drives = sorted({drive_of(test) for test in tests})
     if len(drives) > 1:
         raise ConfigError(
-            f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
+            "[structure] needs tests of one drive, but the tests are driven by "
+            f"{' and '.join(drives)}.",
             why="A shaker that moves with the structure changes every mode.",
             remedy="Leave the tests of one drive out of the campaign file.",
         )
@@ -155,9 +159,9 @@ def _require_sources(tests: Sequence[Test]) -> None:
         record = test.records[0]
         if record.units[record.source] == "N/kg":
             raise ConfigError(
-                f"[[test]] {test.name}: its source must be a force, a voltage or a current beside "
-                "matrices, but is in N/kg, a force per modal mass.",
-                remedy="Give the force itself, in N.",
+                f"[[test]] {test.name}: the source must be a force, a voltage or a current if "
+                "[structure] has `matrices`, but is in N/kg, a force per modal mass.",
+                remedy="Give the force in N.",
             )
 
 
@@ -180,13 +184,14 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
         raise DataError(
             f"[structure] to_hz: tests must drive {MOST_MODES} modes at most, but drive "
             f"{len(driven)}.",
-            remedy="State `band` in the tests, so that they hold fewer modes.",
+            remedy="State a narrower `band` in the tests, so that the bands contain fewer modes.",
         )
     observed = [i for i in driven if gains[i] > HARDLY_SEEN * gains[driven].max()]
     if not observed:
         raise DataError(
-            f"[structure] points: `{reduced.outputs[0]}`, the first one, must see a mode that the "
-            "tests drive, but the model has it, or the input, in a node of all of them.",
+            f"[structure] points: the first point, `{reduced.outputs[0]}`, must move in a mode "
+            "that the tests drive, but in the model this point or the input is at a node of every "
+            "driven mode.",
             remedy="Name another point first, or correct the direction of `input`.",
         )
     return [observed[0], *(i for i in driven if i != observed[0])]
@@ -269,10 +274,10 @@ def joint_bounds(
             bounds[parameter] = stated.get(parameter, (low, high))
             if parameter in shares and bounds[parameter][1] > stiffness:
                 raise ConfigError(
-                    f"[identify.prior] `{parameter}` must end below {stiffness:g} N/m, the "
-                    f"`stiffness` of joint `{joints[0]}` in full stick, but ends at "
+                    f"[identify.prior] `{parameter}`: the upper bound must be below {stiffness:g} "
+                    f"N/m, the `stiffness` of the fully stuck joint `{joints[0]}`, but is "
                     f"{bounds[parameter][1]:g}.",
-                    remedy="Lower its upper bound, or raise `stiffness`.",
+                    remedy=f"Lower the upper bound of `{parameter}`, or raise `stiffness`.",
                 )
     factors = shape_factors(modes, data.laws)
     return bounds | {name: stated.get(name, shape_prior()) for name in factors}

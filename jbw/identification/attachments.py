@@ -50,9 +50,9 @@ def require_one_unit(tests: Iterable[Test]) -> None:
             raise ConfigError(
                 f"Tests driven by {drive} must have their source in one unit, but `{name}` has it "
                 f"in {first} and `{test.name}` in {unit}.",
-                why="They share one gain.",
-                remedy="State `drive` where another drives it, or bring both to one unit by "
-                "`scale` and `units`.",
+                why="Tests with the same drive share one gain.",
+                remedy="State `drive` in the test with another drive, or convert both tests to one "
+                "unit by `scale` and `units`.",
             )
 
 
@@ -91,7 +91,7 @@ def _read(test: Test) -> ShakerReading | None:
             return read_shaker(test, modes)
         except JbwError as error:
             reason = reason or " ".join(str(error).split())
-    warnings.warn(f"The shaker is not read. {reason}", stacklevel=3)
+    warnings.warn(f"The shaker could not be identified. {reason}", stacklevel=3)
     return None
 
 

@@ -115,7 +115,8 @@ def _require_sampled(densities: Collection[str], names: Collection[str]) -> None
             raise ConfigError(
                 f"[identify.prior] `{name}`: a distribution must be that of a sampled parameter, "
                 f"but {', '.join(names)} are sampled.",
-                remedy=f"State [lower, upper] for `{name}`, or a distribution of one of those.",
+                remedy=f"State [lower, upper] for `{name}`, or a distribution for a sampled "
+                "parameter.",
             )
 
 
@@ -125,9 +126,10 @@ def _require_drives(prior: Collection[str], data: Dataset) -> None:
     for name in prior:
         if plain(name) != name and not name.endswith(others):
             raise ConfigError(
-                f"[identify.prior] `{name}`: needs tests of that drive beside tests of another, "
-                "but the campaign fits none.",
-                remedy=f"Bound `{plain(name)}`, or state `drive` in the tests.",
+                f"[identify.prior] `{name}`: needs tests of this drive in addition to tests of "
+                "another drive, but the campaign does not fit both.",
+                remedy=f"State the prior of `{plain(name)}` instead, or state `drive` in the "
+                "tests.",
             )
 
 
@@ -200,10 +202,10 @@ def _require_stiffness(
         stiffness = float(law.build({**least, name: bounds[name][1]}).stiffness())
         if stiffness >= omega_n**2:
             raise ConfigError(
-                f"Prior of `{name}`: {name} < omega_n^2 must hold, but {name} reaches "
-                f"{bounds[name][1]:g} and omega_n^2 is {omega_n**2:g} by Step 2.",
-                why="The joint's stiffness is a part of the whole, omega_n^2.",
-                remedy=f"Lower {name}'s upper bound in [identify.prior].",
+                f"Prior of `{name}`: {name} < omega_n^2 must hold, but the upper bound of {name} "
+                f"is {bounds[name][1]:g} and Step 2 estimates omega_n^2 = {omega_n**2:g}.",
+                why="The stiffness of the joint is a part of the total stiffness, omega_n^2.",
+                remedy=f"Lower the upper bound of {name} in [identify.prior].",
             )
 
 
@@ -229,11 +231,11 @@ def _shared(
     lowered = {name: (bounds[name][0], scale * bounds[name][1]) for name in free}
     if held >= omega_n**2 or any(low >= high for low, high in lowered.values()):
         raise ConfigError(
-            f"Priors of {', '.join(f'`{name}`' for name in stated)}: the laws' stiffnesses must "
-            f"stay below omega_n^2 together, but reach {held:g} and omega_n^2 is "
-            f"{omega_n**2:g} by Step 2.",
-            why="The stiffness of each law is a part of the whole, omega_n^2.",
-            remedy="Lower their upper bounds in [identify.prior].",
+            f"Priors of {', '.join(f'`{name}`' for name in stated)}: the sum of the laws' "
+            f"stiffnesses must stay below omega_n^2, but reaches {held:g} and Step 2 estimates "
+            f"omega_n^2 = {omega_n**2:g}.",
+            why="The stiffness of each law is a part of the total stiffness, omega_n^2.",
+            remedy=f"Lower the upper bounds of {', '.join(stated)} in [identify.prior].",
         )
     return lowered
 

@@ -26,7 +26,8 @@ FEWEST = 5  # smallest number of measured values from which an exponent is estim
 EXPONENTS = (0.1, 4.0)
 DRAWN = 400  # number of random variations of the measured values, from which bands are computed
 SEED = 0
-# Frequency changes on both sides of a turning point that prove it, in standard deviations.
+# Smallest change of frequency on each side of a turning point, in standard deviations, at which the
+# turning point counts as real.
 TURNS = 3.5
 LEAST_TURN = 1e-4  # smallest relative change of frequency on both sides of a turning point
 CURVES = 15  # If there are more values than this, neighbouring values are averaged.

@@ -132,7 +132,7 @@ class Discrepancy:
         return growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
-        """Return a test kind's remaining error relative to its rms; the largest if unknown."""
+        """Return the law's relative error for a kind of test; the largest error if unknown."""
         shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
         return shares.get(kind, max(shares.values(), default=0.0))
 

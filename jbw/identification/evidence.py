@@ -70,7 +70,7 @@ MOST_TURNS = 2
 # A law is hopeless, that is, it does not fit at all, if its largest likelihood is this many nats
 # below that of the best law and its error is this many times that of the best law.
 FAR_BELOW, FAR_OFF = 100.0, 2.0
-FEW_DRAWS = 50  # number of draws per group for a law that only its fit represents
+FEW_DRAWS = 50  # number of draws per group about the fit of a hopeless law
 
 
 @dataclass(frozen=True)
@@ -248,7 +248,7 @@ def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
 
 
 def name_of(laws: Laws, meet: str = "") -> str:
-    """Return the name of the laws, and how modes share joints, unless as the campaign states."""
+    """Return the name of the laws; add how modes share joints if the campaign states otherwise."""
     return (" + ".join(laws) or "linear") + MEET.get(meet, "")
 
 

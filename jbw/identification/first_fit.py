@@ -92,7 +92,7 @@ def first_fit(
 def from_amplitude_curve(
     key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]
 ) -> dict[str, float]:
-    """Fit the laws' parameters to measured frequency and damping against amplitude, if any."""
+    """Fit the laws to measured frequency and damping over amplitude; return {} if unmeasured."""
     curves = ((part, part.shown().amplitude_curve()) for part in data.parts)
     part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
     of_model = is_assembled(data.held)  # One mode determines only a sum over all joints.
@@ -141,7 +141,7 @@ def fit_from(
 
 
 def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
-    """Return the best of a fit and fits on other sides of laws' thresholds, such as macroslip."""
+    """Fit on the other sides of the laws' thresholds, such as macroslip; return the best fit."""
     ends = by_rounds(other_sides(best, prior, data), prior, data)
     return with_waterfall(max([best, *ends], key=log_evidence), [best, *ends])
 

@@ -56,7 +56,7 @@ def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.
     """
     model_modes = data.modes
     if model_modes is None:
-        raise ValueError("joints have answers by the modes of a model alone")
+        raise ValueError("results of several joints need the modes of a model (`data.modes`)")
     names = joints_of(data.laws)
     numbers = dict(model_modes.numbers)
     driven = range(len(model_modes.hz))
@@ -158,7 +158,7 @@ def _bands(draws: Float[np.ndarray, "joint mode draw"]) -> tuple[tuple[str, ...]
 
 
 def _factors(posterior: xr.Dataset, modes: Modes, names: Sequence[str]) -> dict[str, Any]:
-    """Return the factors on each joint's motion in each mode; empty if the model is certain."""
+    """Return the factors on each joint's motion in each mode; {} if the mode shapes are exact."""
     if not modes.uncertain:
         return {}
     size = posterior["omega_n"].size if "omega_n" in posterior else 1

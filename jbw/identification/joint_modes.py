@@ -193,7 +193,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Return frequency, damping and joint contributions of modes with the shapes of full stick."""
+    """Return frequency, damping and joint contributions of modes, for shapes of stuck joints."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}
@@ -261,7 +261,7 @@ def _linear(
 
 
 class _DrivenJoints(eqx.Module):
-    """The laws of the joints, the model's numbers, and the largest amplitudes of its modes."""
+    """The laws of the joints, the fixed numbers of the model, and the amplitudes of its modes."""
 
     laws: tuple[str, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)  # names of the joints

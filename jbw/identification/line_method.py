@@ -65,11 +65,11 @@ def line_fit_start(frf: FRF) -> NDArray[np.float64]:
     if not (a / b > 0 and c / b > 0 and c**2 < 4 * a * b):
         peak = frf.freq[np.argmax(np.abs(h))]
         raise DataError(
-            f"The FRF must show a resonance that loses energy near {peak:.4g} Hz, but its inverse "
-            "fits none.",
-            why="Swapped channels, a delay of the response channel or a band without the peak do "
-            "this.",
-            remedy="Check which channel is the input, `delay` and `band`.",
+            f"The FRF must show a resonance that loses energy near {peak:.4g} Hz, but no such "
+            "resonance fits the inverse of the FRF.",
+            why="Swapped channels, a delay of the response channel or a band without the peak can "
+            "cause this misfit.",
+            remedy="Check `delay`, `band`, and which channel is the input.",
         )
     root = np.sqrt(a / b)
     return np.array([root * scale, c / b / (2 * root), scale**2 / b])
@@ -94,8 +94,8 @@ def in_band(frf: FRF, band: tuple[float, float] | None) -> FRF:
     first, last = np.searchsorted(frf.freq, [low * (1 - ROUNDING), high * (1 + ROUNDING)])
     if last - first < 4:
         raise DataError(
-            f"The band {low:.4g} to {high:.4g} Hz must hold at least 4 lines, "
-            f"but it holds {last - first} of the {1 / frf.window_s:.3g} Hz grid.",
+            f"The band {low:.4g} to {high:.4g} Hz must contain at least 4 lines, but contains only "
+            f"{last - first} (line spacing {1 / frf.window_s:.3g} Hz).",
             remedy="Widen `band`, or lengthen the windows of the estimate.",
         )
     return replace(frf, **{name: getattr(frf, name)[first:last] for name in PER_LINE})

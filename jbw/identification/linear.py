@@ -176,9 +176,9 @@ def _warn_when_doubtful(fit: LineFit, frf: FRF) -> None:
     f_n, std = fit.omega_n / (2 * np.pi), fit.std[1]
     if fit.zeta * f_n < 1 / frf.window_s:
         warnings.warn(
-            f"The damping {fit.zeta:.3%} of the mode at {f_n:.4g} Hz is finer than the lines "
-            f"({fit.zeta * f_n:.3g} Hz against {1 / frf.window_s:.3g} Hz): read it with its error, "
-            f"+-{100 * std:.2g}%.",
+            f"The half-power half width of the mode at {f_n:.4g} Hz ({fit.zeta * f_n:.3g} Hz, "
+            f"damping {fit.zeta:.3%}) is smaller than the line spacing ({1 / frf.window_s:.3g} "
+            f"Hz): quote the damping with its error, +-{100 * std:.2g}%, or lengthen the windows.",
             stacklevel=3,
         )
     if std > 0.3 * fit.zeta:

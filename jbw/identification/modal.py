@@ -58,7 +58,7 @@ EXPECTED = 4  # smallest number of expected modes, because noise hides modes at 
 BEYOND = 0.02
 # starting damping ratio of a requested mode that the stabilisation diagram does not show
 UNSAID_ZETA = 0.01
-# A pole belongs to a requested mode if their frequencies differ by a smaller relative amount.
+# A pole belongs to a requested mode if their frequencies differ by less than this relative amount.
 NEAR = 0.02
 LEAST_SHARE = 0.5  # smallest fraction of the orders at which a mode must be stable
 SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num_repeats", "fs")
@@ -104,8 +104,8 @@ def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
     highest, lowest = min(LAST * expected, (num_lines - 1) // 2), FIRST * expected
     if highest <= lowest:
         raise DataError(
-            f"The band must hold {2 * lowest + 3} lines or more to look for {expected} modes, "
-            f"but it holds {num_lines}.",
+            f"The band must contain at least {2 * lowest + 3} lines to look for {expected} modes, "
+            f"but contains {num_lines}.",
             remedy="Widen `band`, lengthen the windows, or ask for fewer modes.",
         )
     orders = range(lowest, highest + 1, max(1, (highest - lowest) // MOST_ORDERS))
@@ -171,14 +171,14 @@ def starts_of(
     """Return starting (omega, zeta) of the modes, and the stabilisation diagram."""
     if isinstance(modes, int):
         if isinstance(modes, bool) or modes < 1:
-            raise ConfigError(f"Argument `modes` must count one mode at least, not {modes!r}.")
+            raise ConfigError(f"Argument `modes` must be at least 1, but is {modes!r}.")
         diagram = stabilisation(parts, modes)
         if len(diagram.groups) < modes:
             stable_hz = ", ".join(f"{x / (2 * np.pi):.4g}" for x in diagram.groups[:, 0]) or "none"
             raise DataError(
-                f"The band must show {modes} modes, as `modes` says, but only {stable_hz} Hz stay "
-                "where the model's order rises.",
-                remedy="Give their frequencies, or ask for fewer.",
+                f"The band must show {modes} modes, as stated by `modes`, but the poles that are "
+                f"stable as the model order increases are only: {stable_hz} (Hz).",
+                remedy="Give the frequencies of the modes, or ask for fewer modes.",
             )
         return diagram.groups[:modes][np.argsort(diagram.groups[:modes, 0])], diagram
     frequencies = np.atleast_1d(np.asarray(modes, float))
@@ -188,7 +188,8 @@ def starts_of(
             raise ConfigError(
                 f"Every mode must lie in the band, {edges[0]:.4g} to {edges[1]:.4g} Hz, but "
                 f"`modes` names {freq:.4g} Hz.",
-                remedy="Leave it to the residual terms, or widen `band`.",
+                remedy=f"Leave {freq:.4g} Hz out of `modes` (the residual terms represent modes "
+                "outside the band), or widen `band`.",
             )
     if len(np.unique(frequencies)) < len(frequencies):
         raise ConfigError(
@@ -203,9 +204,10 @@ def starts_of(
     if not len(frequencies):
         if diagram is None or not len(diagram.modes):
             raise DataError(
-                f"The band {edges[0]:.4g} to {edges[1]:.4g} Hz must show a mode, but no pole stays "
-                "where the model's order rises.",
-                remedy="Say with `modes` where they lie, or look at `band` and the channels.",
+                f"The band {edges[0]:.4g} to {edges[1]:.4g} Hz must show a mode, but no pole is "
+                "stable as the model order increases.",
+                remedy="State the frequencies of the modes by `modes`, or check `band` and the "
+                "channels.",
             )
         return diagram.modes, diagram
     stable_poles = np.zeros((0, 2)) if diagram is None else diagram.groups
@@ -350,7 +352,7 @@ def model_lines(fit: ModalFit, omega: Real) -> NDArray[np.complex128]:
 def _same_lines(outputs: list[FRF]) -> list[FRF]:
     """Return the FRFs of all outputs; raise a ConfigError unless they have the same lines."""
     if not outputs:
-        raise ConfigError("Argument `frfs` must hold an FRF at least, but it is empty.")
+        raise ConfigError("Argument `frfs` must contain at least one FRF, but is empty.")
     first = outputs[0]
     for number, part in enumerate(outputs[1:], 2):
         differ = [name for name in SAME_LINES if getattr(part, name) != getattr(first, name)]
@@ -358,8 +360,8 @@ def _same_lines(outputs: list[FRF]) -> list[FRF]:
             differ = ["freq", *differ]
         if differ:
             raise ConfigError(
-                f"The FRFs must have the same lines, but FRF {number} has another "
-                f"`{differ[0]}` than the first.",
+                f"The FRFs must have the same lines, but FRF {number} differs from the first FRF "
+                f"in `{differ[0]}`.",
                 remedy="Estimate all outputs of an input by the same call of `frf`.",
             )
     return outputs
@@ -370,8 +372,8 @@ def _enough(lines: FRFLines) -> None:
     values = 2 * sum(len(part.freq) for part in lines.outputs)
     if values <= lines.num_parameters:
         raise DataError(
-            f"The band must hold more values than unknowns, but its {values // 2} lines are "
-            f"{values} values for {lines.num_parameters} unknowns of {lines.num_modes} modes.",
+            f"The band must contain more values than unknowns, but its {values // 2} lines give "
+            f"{values} values, and {lines.num_modes} modes have {lines.num_parameters} unknowns.",
             remedy="Widen `band`, lengthen the windows, or ask for fewer modes.",
         )
 
@@ -446,8 +448,8 @@ def _as_fit(
     blocks = fitted.theta[place]
     added = np.zeros((num, 2))
     added[:, : lines.num_residuals] = fitted.theta[modal:].reshape(num, -1)
-    # Lines are divided by their errors; for a swept record they are then the lines of the response
-    # itself.
+    # The lines of the receptance are divided by their errors. For a swept record this restores the
+    # lines of the measured response, whose noise is constant.
     residual, size = (
         np.linalg.norm(np.split(x / np.sqrt(fitted.variance), num), axis=-1)
         for x in (fitted.residual, lines.data)
@@ -473,7 +475,7 @@ def _apart(lines: FRFLines, theta: Real) -> None:
         raise DataError(
             f"Modes {i + 1} and {i + 2} must stay apart, but they {crossed}, at {first:.5g} and "
             f"{second:.5g} Hz.",
-            why="The lines do not distinguish them.",
+            why=f"The lines do not distinguish modes {i + 1} and {i + 2}.",
             remedy="Ask for fewer modes, or give frequencies nearer to the peaks.",
         )
 
@@ -483,11 +485,11 @@ def _follows(fit: ModalFit) -> None:
     if fit.misfit.max() > MOST_MISFIT and fit.chi_square > BEYOND_NOISE * fit.dof:
         modes_hz = " and ".join(f"{freq:.4g}" for freq in fit.omega / (2 * np.pi))
         raise DataError(
-            f"The modes must follow the lines, but those found at {modes_hz} Hz leave "
-            f"{100 * fit.misfit.max():.0f} % of an output.",
-            why="The diagram shows no stable pole where the lines have a peak.",
-            remedy="Give the frequencies of the peaks in place of their number, or estimate the "
-            "FRFs with a longer `window_s`.",
+            f"The modes must reproduce the FRFs, but with the modes found at {modes_hz} Hz the "
+            f"residual of an output is {100 * fit.misfit.max():.0f} % of that output.",
+            why="The stabilisation diagram shows no stable pole where the lines have a peak.",
+            remedy="Give the frequencies of the peaks in place of the number of modes, or estimate "
+            "the FRFs with a longer `window_s`.",
         )
 
 
@@ -499,10 +501,11 @@ def _within(fit: ModalFit) -> None:
         sentence = messages.outside_band(freq, low, high)
         if excess > OUTSIDE * (high - low):
             raise DataError(
-                f"{sentence}, which therefore does not determine it.",
+                f"{sentence}, and a mode outside the band is not determined.",
                 remedy="Ask for fewer modes, or give frequencies nearer to the peaks.",
             )
         if excess > 0:
             warnings.warn(
-                f"{sentence}: it describes what the other modes leave, not a peak.", stacklevel=3
+                f"{sentence}: the mode describes the residual of the other modes, not a peak.",
+                stacklevel=3,
             )

@@ -134,8 +134,8 @@ class LeftOutRun(NamedTuple):
     amplitude: float = np.nan  # amplitude relative to the largest fitted one; NaN if unknown
     grown: float = 1.0  # factor by which standard deviations grow up to this amplitude
     noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # contribution of noise to `std`
-    # $P C$ of the fit without the run, from which the noise that runs share is computed. None if
-    # there is no such fit.
+    # matrix $P C$ of the fit without the run, which gives the noise that runs share; None if there
+    # is no fit without the run
     by_parameters: Float[np.ndarray, "own parameter"] | None = None
 
 

@@ -26,7 +26,7 @@ class PaperRoute:
 
     kernel: step3.KernelFit | None = None  # fit of the kernel; None without probing tones
     steps: Mapping[str, Step] = field(default_factory=dict)  # posteriors, by name
-    statements: tuple[str, ...] = ()  # sentences on the use of these steps for other laws
+    statements: tuple[str, ...] = ()  # sentences on laws that do not suit Steps 3 and 4
 
     @property
     def means(self) -> dict[str, float]:
@@ -61,7 +61,7 @@ def paper_route(
 
 
 def paper_words(seen: Measured) -> tuple[str, ...]:
-    """Return sentences on why Steps 3 and 4 of Teloli et al. do not suit the laws, if so."""
+    """Explain why Steps 3 and 4 of Teloli et al. do not suit the laws; return () if they do."""
     if seen.linear is None or not seen.probing:
         return ()
     others = " and ".join(name for name in seen.laws if name != PAPER_LAW)

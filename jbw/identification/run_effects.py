@@ -73,7 +73,7 @@ class Shifts:
     # omega_n [rad/s] and zeta [-] of a run minus those of the fit
     offset: Float[np.ndarray, "run own"]
     std: Float[np.ndarray, "run own"]  # standard errors of these differences
-    p: float  # probability that chance causes such differences
+    p: float  # probability that chance causes offsets of this size
 
 
 def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None:
@@ -167,7 +167,7 @@ def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | No
 def moments_of(
     offset: Float[np.ndarray, " run"], std: Float[np.ndarray, " run"]
 ) -> tuple[float, float]:
-    r"""Return the chi-square of the runs' offsets, and its derivative by their variance.
+    r"""Return the chi-square of the runs' offsets, and the derivative by the offsets' variance.
 
     $$Q = \sum_r w_r (b_r - \bar b)^2, \qquad W - \sum_r w_r^2 / W, \quad w_r = 1 / \sigma_r^2$$
     """

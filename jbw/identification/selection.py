@@ -127,7 +127,8 @@ def decay_tests(
             raise ConfigError(
                 "Tests of kind decay must share band, settle, sampling frequency, response and "
                 f"drive, but their {name} are {listed}.",
-                remedy=f"Give the decays of a mode the same {name}; make a campaign of each mode.",
+                remedy=f"Give all decays of one mode the same {name}; write a separate campaign "
+                "for each mode.",
             )
     allowed = {test.name for test in (decays if chosen is None else chosen)}
     first, rest = [], []

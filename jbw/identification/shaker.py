@@ -51,8 +51,9 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     """
     if test.band_hz is None:
         raise DataError(
-            f"Test {test.name} must have a `band` for its shaker to be read, but it has none.",
-            remedy="Say with `band` where the modes lie.",
+            f"Test {test.name} must have a `band`, so that its shaker can be identified, but has "
+            "none.",
+            remedy=f"State in test {test.name} a `band` that contains the modes.",
         )
     periodic = steady(test)
     record = _after(test.records[0], test.settle) if periodic is None else periodic[0].records[0]
@@ -67,8 +68,10 @@ def read_shaker(test: Test, modes: int = 1) -> ShakerReading:
     if np.any(squares <= 0):
         raise DataError(
             f"Test {test.name} must show a drive point that moves with the force, but at "
-            f"{fit.omega[np.argmin(squares)] / (2 * np.pi):.4g} Hz it moves against it.",
-            remedy="Check the polarity of `force` and `drive_point`, and their places.",
+            f"{fit.omega[np.argmin(squares)] / (2 * np.pi):.4g} Hz the drive point moves against "
+            "the force.",
+            remedy="Check the polarity and the positions of the sensors of `force` and "
+            "`drive_point`.",
         )
     added = Attachment(shaker.mass, shaker.damping, shaker.stiffness)
     omega, zeta = attached(fit.omega, fit.zeta, np.sqrt(squares), added)

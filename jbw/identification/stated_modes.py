@@ -48,11 +48,12 @@ def modes_of(
     stated = structure.driving_point, structure.joint_shape, structure.points
     modes = Modes(structure.modes, *stated, meet="apart" if structure.modal else "common")
     _require_own_constants(modes, tests)
-    # Under a measured force the shaker's dynamics do not matter, as without a drive.
+    # If the force is measured, the shaker's dynamics do not matter; the same holds without a drive.
     drives = sorted({"force" if drive_of(t) in BARE else drive_of(t) for t in tests})
     if len(drives) > 1:
         raise ConfigError(
-            f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
+            "[structure] needs tests of one drive, but the tests are driven by "
+            f"{' and '.join(drives)}.",
             why="A shaker that moves with the structure changes every mode.",
             remedy="Leave the tests of one drive out of the campaign file.",
         )
@@ -77,8 +78,8 @@ def _require_own_constants(modes: Modes, tests: Collection[Test]) -> None:
         raise ConfigError(
             f"[[test]] {shared[0].name}: `residuals` must be own, none or auto where [structure] "
             f"has several points, but is {shared[0].residuals}.",
-            why="What other modes add to a response differs from point to point.",
-            remedy='State residuals = "own", or leave it out.',
+            why="The contribution of other modes to a response differs from point to point.",
+            remedy='State residuals = "own", or leave `residuals` out.',
         )
 
 
@@ -101,14 +102,16 @@ def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> 
         suffix = re.search(r"_mode_\d$", name)
         if (suffix and modes.meet != "apart") or (name in joint_names and modes.meet == "apart"):
             raise ConfigError(
-                f"[identify.prior] `{name}` must be a parameter of modes that "
-                f"{'have laws of their own' if suffix else 'meet in one joint'}, but these do not.",
-                remedy="Leave it out, or change `modal` in [structure].",
+                f"[identify.prior] `{name}` applies only to modes that "
+                f"{'have separate laws' if suffix else 'share one joint'}, but the modes of this "
+                "campaign do not.",
+                remedy=f"Leave the prior of `{name}` out, or change `modal` in [structure].",
             )
         if name in settled_by:
             raise ConfigError(
                 f"[identify.prior] `{name}` must be unknown, but `{settled_by[name]}` sets it.",
-                remedy=f"Leave it out, or `{settled_by[name]}` in [structure].",
+                remedy=f"Leave out the prior of `{name}`, or leave out `{settled_by[name]}` in "
+                "[structure].",
             )
 
 
@@ -126,7 +129,7 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
                 f"[identify.prior] `{name}` must end below `{other}`, which begins at {low:.5g} "
                 f"rad/s, but ends at {high:.5g}.",
                 why="The modes would change places.",
-                remedy="Narrow these bounds, or leave them out.",
+                remedy="Narrow these bounds, or leave these bounds out.",
             )
 
 
@@ -138,27 +141,28 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
             raise DataError(
                 f"[structure] modes: a test must drive the mode at {hz:g} Hz within 7 %, but none "
                 "that is fitted does.",
-                remedy="Sweep through it, or leave it out of `modes`.",
+                remedy=f"Sweep through {hz:g} Hz, or leave {hz:g} Hz out of `modes`.",
             )
         for point, seen in modes.seen.items() if modes.meet != "assembled" else ():
             if seen[0 if names is None else modes.names.index(names) + 1] not in first_values:
                 raise DataError(
                     f"[structure] points: a test that is fitted must drive the mode at {hz:g} Hz "
-                    f"within 7 % and be measured at `{point}` too, but none is.",
-                    remedy="Measure it there, or leave the point out.",
+                    f"within 7 % and be measured at `{point}`, but no test does both.",
+                    remedy=f"Measure the mode at `{point}`, or leave `{point}` out of `points`.",
                 )
         ratio = first_values.get(names.ratio) if names else 1.0
         if modes.driving_point and ratio is None:
             raise DataError(
-                "[structure] driving_point needs tests that something drives, but free decays "
-                "alone are fitted.",
-                why="The gain of a mode determines there the effect of the joint on it.",
-                remedy="Leave it out, or add a sweep or a multisine.",
+                "[structure] driving_point needs driven tests, but only free decays are fitted.",
+                why="With `driving_point`, the gain of a mode determines the effect of the joint "
+                "on the mode.",
+                remedy="Leave `driving_point` out, or add a sweep or a multisine.",
             )
         if modes.driving_point and ratio is not None and ratio < 0:
             raise DataError(
                 f"[structure] driving_point: the mode at {hz:g} Hz must have a gain of the first "
-                f"mode's sign, but its gain is {ratio:.2g} times that.",
+                f"mode's sign, but this gain is {ratio:.2g} times that of the "
+                "first mode.",
                 why="At the drive point the gain of every mode is the square of its shape.",
                 remedy="Leave `driving_point` out, or reverse the sign of the response channel.",
             )

@@ -85,7 +85,7 @@ class TiedEvidence(NamedTuple):
 
     @property
     def answer(self) -> str:
-        """The laws that the evidence prefers by 20 to 1, `tied` or `own`; `not told` if neither."""
+        """The laws that the evidence prefers (20 to 1): `tied`, `own`, or `not told` if neither."""
         if not self.is_trusted or abs(self.log_ratio) < DECISIVE:
             return "not told"
         return "tied" if self.log_ratio > 0 else "own"
@@ -210,7 +210,7 @@ def trials_at_joints(
     groups = tuple(dict.fromkeys(split(law)[1] for law in campaign_laws))
     if not groups:
         raise ConfigError(
-            "A comparison of laws needs a joint that has one, but all [[joint]] tables have none.",
+            "A comparison of laws needs a joint with a law, but no [[joint]] table states a law.",
             remedy='Put under [[joint]]: `laws = ["bouc_wen"]`.',
         )
     chosen = list(USUAL if stated is None else stated)
@@ -234,7 +234,7 @@ def _with_changed(
     groups: Sequence[tuple[str, ...]],
     campaign_laws: Laws,
 ) -> tuple[str, tuple[Laws, ...]]:
-    """Add sets of laws that differ at one joint; return a phrase for these sets, and all sets."""
+    """Add sets of laws that differ at one joint; return a description of them, and all sets."""
     stuck = [laws for laws in plain if not laws]
     for which, tried in ((messages.EVERY, plain), (messages.NONE, stuck)):
         changed = [_with_others(laws, group, campaign_laws) for group in groups for laws in tried]

@@ -112,14 +112,14 @@ def require_inferred(modes: Modes, laws: Sequence[str], prior: Mapping[str, Any]
         return
     if not modes.uncertain:
         raise ConfigError(
-            f"[identify.prior] `{stated[0]}` needs shapes that are uncertain, but they are the "
-            "model's.",
+            f"[identify.prior] `{stated[0]}` needs uncertain mode shapes, but the campaign takes "
+            "the mode shapes from the model.",
             remedy='Put under [structure]: `shapes = "uncertain"`, or leave the prior out.',
         )
     raise ConfigError(
-        f"[identify.prior] `{stated[0]}` must be of a factor that is inferred, "
-        f"{', '.join(names) or 'of which there is none'}, but it is of another.",
-        why="In its home mode, in modes that no test drives, and in modes that hardly move it, the "
-        "motion of a joint is that of the model.",
-        remedy="Leave it out.",
+        f"[identify.prior] `{stated[0]}` is not one of the inferred factors: "
+        f"{', '.join(names) or 'none is inferred'}.",
+        why="The motion of a joint is taken from the model in the joint's home mode, in modes that "
+        "no test drives, and in modes that hardly move the joint.",
+        remedy=f"Leave the prior of `{stated[0]}` out.",
     )

@@ -54,8 +54,8 @@ def _refusal(test: Test, settings: Identify) -> str:
             split = decay_tests([test], settings)
             test = test if split is None else split.together
         with _tried():
-            # Other requirements on decays of several modes concern [structure]; a violation is an
-            # error there.
+            # Decays of several modes have additional requirements. They concern [structure], and
+            # the check of [structure] reports them as errors.
             for observable in taking(several=False):
                 if test.kind in observable.kinds:
                     observable.reduce([test], substeps=settings.substeps)

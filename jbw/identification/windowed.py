@@ -33,7 +33,7 @@ def receptance(omega: Real, omega_n: float, zeta: float, gain: float) -> Complex
 def smeared(
     omega: Real, omega_n: float, zeta: float, gain: float, window_s: float, order: int
 ) -> Complex:
-    r"""Return the mean of an H1 estimate under Hann windows and white input (measured response).
+    r"""Return the expected H1 estimate of a mode's measured response (Hann windows, white input).
 
     $$\mathrm{E}\,\hat H(\omega) = \int_0^T h(\tau)\,w_a(\tau)\,e^{-j\omega\tau}\,\mathrm{d}\tau,
       \qquad h = \frac{\mathrm{d}^p}{\mathrm{d}\tau^p}

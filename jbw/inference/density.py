@@ -23,7 +23,7 @@ NEAR = 1e-3  # relative step from the end of the support, at which a density is 
 
 
 class Density(tuple[float, float]):
-    """A prior density; as a pair of numbers, it gives the bounds beyond which it is negligible.
+    """A prior density, and a pair of numbers: the bounds beyond which the density is negligible.
 
     Attributes:
         family: Name of the distribution in `numpyro.distributions`.
@@ -138,17 +138,19 @@ def _bounds(distribution: Any, family: str) -> tuple[float, float]:
     from numpyro.distributions import Distribution
 
     if not isinstance(distribution, Distribution):
-        raise ValueError(f"must be a distribution, but `{family}` is none.")
+        raise ValueError(f"must be a distribution, but `{family}` is not a distribution.")
     one_number = distribution.event_shape == distribution.batch_shape == ()
     if not one_number or distribution.support is None or distribution.is_discrete:
-        raise ValueError(f"must be a density of one real number, but `{family}` is none.")
+        raise ValueError(f"must be a density of one real number, but `{family}` is not.")
     try:
         with jax.enable_x64(True):
             ends = _quantile(distribution, TAIL), _quantile(distribution, 1.0 - TAIL)
     except (NotImplementedError, ImportError):
         raise ValueError(f"needs a distribution function, which `{family}` lacks.") from None
     if not (isfinite(ends[0]) and isfinite(ends[1]) and ends[0] < ends[1]):
-        raise ValueError(f"must end somewhere, but `{family}` reaches from {ends[0]} to {ends[1]}.")
+        raise ValueError(
+            f"must have finite quantiles, but those of `{family}` are {ends[0]} and {ends[1]}."
+        )
     return ends
 
 

@@ -1,4 +1,4 @@
-"""A posterior as a plain NumPyro model, with NUTS and a random walk for it."""
+"""A posterior as a plain NumPyro model, with its samplers NUTS and random-walk Metropolis."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

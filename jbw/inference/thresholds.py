@@ -9,6 +9,6 @@ THRESHOLD = float(chdtri(1, 1 - PROB))  # 6.63, the threshold of chi-square
 BEYOND = 1.05
 """Displacement / largest fitted displacement above which a prediction is an extrapolation."""
 KNOWN, ROUGHLY = 0.05, 0.3
-"""Standard deviation / mean up to which a parameter is identified, or roughly so."""
+"""Largest standard deviation / mean of an identified and of a roughly identified parameter."""
 LEARNT = 0.5
-"""Information gain [nats] that shows that the data constrain a parameter (0.61 of the prior)."""
+"""Least information gain [nats] of a constrained parameter (sd 0.61 times that of the prior)."""

@@ -50,7 +50,7 @@ LINE_NOISE = 0.01  # noise of a complex spectral line, relative to the largest l
 
 
 class Design[Data: KernelData | Records](NamedTuple):
-    """The tests that a calibration simulates, with the prior; of measured tests only the inputs."""
+    """The prior and the tests that a calibration simulates; measured tests give only inputs."""
 
     data: Data
     prior: Box  # prior of the inferred parameters
@@ -165,9 +165,11 @@ def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
     parts = [p for p in data.parts if isinstance(p, Records)] if isinstance(data, Dataset) else []
     if len(parts) != 1:
         raise DataError(
-            "Calibration of the joint posterior needs sweeps with the same channels and "
-            f"length, but there are {len(parts)} forms.",
-            remedy="Leave only one form of sweeps, or calibrate without a campaign.",
+            "Calibration of the joint posterior needs sweeps with the same channels and length, "
+            f"but the campaign has {len(parts)} groups of sweeps with the same channels and "
+            "length.",
+            remedy="Keep only one of these groups in the campaign, or calibrate without a "
+            "campaign.",
         )
     held = {name: float(value) for name, value in data.held.items()}
     return Design(_timed(parts[0]), posterior.box, held)

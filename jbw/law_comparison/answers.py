@@ -91,7 +91,7 @@ def _is_rough(row: StoredLaw, *, by_runs: bool) -> bool:
 
 
 def _answer(row: StoredLaw, best: StoredLaw, *, by_runs: bool) -> str:
-    """Return the comparison of a law with the best law: worse, not told apart, or not judged.
+    """Return the comparison of a law with the best law: worse, not distinguished, or not judged.
 
     A law with a rough score is not judged, unless it lies farther behind than its possible error,
     or is hopeless and thus worse in any case.
@@ -249,7 +249,7 @@ def _of_errors(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_parameters(rows: Rows) -> Iterator[str]:
-    """Yield sentences on truncated parameters and exceeded thresholds; omit worse laws."""
+    """Yield sentences on truncated parameters and exceeded thresholds of laws not called worse."""
     for name, row in rows.items():
         if row.answer == "worse":
             continue

@@ -454,7 +454,7 @@ def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
 
 
 def row_of(weighed: Weighed) -> StoredLaw:
-    """Return those numbers of a law that are stored."""
+    """Return the stored numbers of a law."""
     candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
     names, posterior = candidate.fitted.box.names, posterior_draws(tree)
     every = every_parameter(posterior, candidate.fitted.data)

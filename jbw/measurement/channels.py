@@ -54,9 +54,9 @@ def same_length(**channels: Reals) -> None:
         if y.shape != x.shape:
             raise DataError(
                 f"Channels `{name}` and `{other}` must have one shape, "
-                f"but theirs are {x.shape} and {y.shape}.",
+                f"but their shapes are {x.shape} and {y.shape}.",
                 why="Samples are paired by their index; nothing is cut silently.",
-                remedy="Cut both to the samples they share.",
+                remedy="Cut both channels to the samples that both contain.",
             )
 
 
@@ -104,7 +104,7 @@ def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
         raise ConfigError(
             f"Argument `band` must be an increasing pair between 0 and {nyquist:g} Hz, "
             f"but it is ({low:g}, {high:g}).",
-            remedy="Give it as (lowest, highest) in hertz, not in rad/s.",
+            remedy="Give `band` as (lowest, highest) in hertz, not in rad/s.",
         )
     return low, high
 

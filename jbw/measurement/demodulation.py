@@ -77,8 +77,9 @@ def demodulate(x: Float[np.ndarray, " time"], chosen: BandFilter) -> tuple[Reals
     # count from the start of the record.
     if len(x) <= 2 * chosen.half:
         raise DataError(
-            f"A band of {chosen.band_hz[1] - chosen.band_hz[0]:g} Hz takes a record longer than "
-            f"{2 * chosen.half / chosen.fs:.3g} s, but {len(x) / chosen.fs:.3g} s are left of one.",
+            f"A band of {chosen.band_hz[1] - chosen.band_hz[0]:g} Hz needs a record longer than "
+            f"{2 * chosen.half / chosen.fs:.3g} s, but only {len(x) / chosen.fs:.3g} s of a record "
+            "remain.",
             remedy="Widen `band`, shorten `settle`, or drop the record with `exclude`.",
         )
     n = np.arange(len(x))

@@ -169,7 +169,7 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
     if np.linalg.cond(normal) > 1e8:
         raise DataError(
             "The tones cannot be distinguished in a record of this length.",
-            why="Two of the frequencies fitted nearly coincide.",
+            why="Two of the fitted frequencies nearly coincide.",
             remedy="Lengthen the record or leave one of `also` out.",
         )
     factor = cho_factor(normal)

@@ -19,7 +19,7 @@ class Kind(NamedTuple):
     is_broadband: bool = False
     # whether the structure is driven from rest, so that the whole record can be simulated
     is_transient: bool = False
-    # whether steady harmonics of tones are measured, of several tones together or one after another
+    # whether the test measures steady harmonics of tones, applied together or one after another
     is_steady: bool = False
     is_stepped: bool = False  # whether the tones follow each other, each for a dwell time
     # whether the excitation repeats, so that whole periods can be cut out
@@ -51,7 +51,7 @@ class Kind(NamedTuple):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the kind has no property, so that only its observable defines its treatment."""
+        """Whether the kind sets no property; then only its observable defines its treatment."""
         return True not in self
 
 
@@ -72,7 +72,7 @@ def kind_named(name: str) -> Kind:
 
 
 register(Kind("noise", "random noise, for long", is_broadband=True))
-register(Kind("multisine", "lines of one period, over and over", is_broadband=True,
+register(Kind("multisine", "lines of one period, repeated", is_broadband=True,
               is_periodic=True))  # fmt: skip
 register(Kind("tones", "steady tones, all at once", is_steady=True))
 register(Kind("stepped", "steady tones in turn", is_steady=True, is_stepped=True))
@@ -81,6 +81,6 @@ register(Kind("decay", "a free decay", is_free=True))
 register(Kind("frf", "a measured response curve", is_curve=True))
 register(Kind("backbone", "points at a phase that is held", is_curve=True, is_controlled=True,
               is_locked=True))  # fmt: skip
-register(Kind("curve", "points of a response that is held, through folds", is_curve=True,
+register(Kind("curve", "points at held responses, beyond folds", is_curve=True,
               is_controlled=True))  # fmt: skip
 register(Kind("loop", "force along a prescribed displacement", is_prescribed=True))

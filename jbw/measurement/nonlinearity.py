@@ -244,7 +244,7 @@ def repeatability(y: ArrayLike) -> Repeatability:
     mean = rows.mean(axis=0)
     power = float(np.mean(mean**2))
     if power == 0:
-        raise DataError("Channel `y` is constant.", why="It shows no response.")
+        raise DataError("Channel `y` is constant.", why="A constant channel shows no response.")
     slope, t = np.gradient(mean), np.linspace(-1.0, 1.0, length)
     basis = np.linalg.qr(np.column_stack([mean, slope, t * slope]))[0]
     deviations = rows - mean
@@ -401,7 +401,7 @@ def _steady(u: ArrayLike, y: ArrayLike) -> tuple[Reals, Reals]:
         raise DataError(
             "Channels `u` and `y` must both be (period, time) or (realisation, period, time), but "
             f"have shapes {source.shape} and {response.shape}.",
-            remedy="Cut the records to whole periods, one a row.",
+            remedy="Cut the records to whole periods, with one period per row.",
         )
     shape = (-1, *source.shape[-2:])
     for name, values in (("u", source), ("y", response)):
@@ -466,7 +466,7 @@ def swept_harmonics(
         raise DataError(
             f"The source is no sweep: its amplitude strays by {stray:.0%} within {periods:g} "
             "periods.",
-            why="Noise and multisines have no phase whose multiples were harmonics.",
+            why="Noise and multisines have no single phase, which harmonics need.",
         )
     return SweptHarmonics(freq, source.T, response.T, std)
 

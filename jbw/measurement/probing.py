@@ -143,7 +143,7 @@ def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, C
     if amplitude is None or not abs(amplitude) > 0:
         raise DataError(
             "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
-            why="H3 is Y(3 omega) over the cube of it.",
+            why="H3 is Y(3 omega) divided by the cube of the input's amplitude.",
             remedy="Measure the input with the response, or give the demanded `amplitude`.",
         )
     return np.full(num_repeats, complex(amplitude)), np.full(num_repeats, complex(np.nan))

@@ -261,7 +261,7 @@ def _steady(record: Record, test: Test) -> tuple[Record, int]:
     if rest:
         raise DataError(
             f"Record `{record.name}` must hold {test.periods} whole periods, but its "
-            f"{record.num_samples} samples cannot be divided so.",
+            f"{record.num_samples} samples are not a multiple of {test.periods}.",
             remedy="Correct `periods`, or cut the record with `span`.",
         )
     # A `settle` of whole periods may exceed them by round-off.
@@ -282,7 +282,7 @@ def _cut(record: Record, start: int, size: int) -> Record:
 
 
 def si_of(role: str, unit: str) -> tuple[float, str, str]:
-    """Return a unit's factor to SI, its SI unit, and the source by which a ratio is divided.
+    """Return a unit's factor to SI, its SI unit, and the source in the denominator of a ratio.
 
     For decibels they are those of the unit of the reference.
     """
@@ -316,7 +316,7 @@ def sensitivity_of(role: str, written: str) -> tuple[float, str]:
             return value, plain(below)
     raise ConfigError(
         f"the sensitivity of role `{role}` must be volts per unit, but is {written!r}.",
-        remedy=f'State it as the sensor\'s certificate does, such as "{SENSITIVITIES[role]}".',
+        remedy=f'State the sensitivity as in the sensor\'s certificate: "{SENSITIVITIES[role]}".',
     )
 
 

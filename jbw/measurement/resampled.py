@@ -86,7 +86,7 @@ def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
         raise DataError(
             f"`resample` must be at most the channel's sampling frequency, {fs:.7g} Hz, but is "
             f"{new_fs:g} Hz.",
-            why="Above half of that frequency nothing was measured.",
+            why=f"Nothing was measured above {fs / 2:.7g} Hz, half of the sampling frequency.",
             remedy=f"Put under [[test]]: `resample = {fs:.9g}`, or less.",
         )
     size = int(np.floor((len(x) - 1) * new_fs / fs * (1 + 1e-12))) + 1
@@ -112,7 +112,7 @@ def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tu
         raise DataError(
             f"`resample` must be at most the usual sampling frequency, {usual:.5g} Hz, but is "
             f"{new_fs:g} Hz.",
-            why="Above half of that frequency nothing was measured.",
+            why=f"Nothing was measured above {usual / 2:.5g} Hz, half of the sampling frequency.",
             remedy=f"Put under [[test]]: `resample = {proposed_rate(time):.9g}`, or less.",
         )
     last = float(time[-1])
@@ -124,10 +124,10 @@ def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tu
     error = float(np.std(met - x[out]) / max(float(np.std(x[out])), 1e-300))
     if not error < LARGEST_ERROR:
         raise DataError(
-            f"Samples that a signal below {PASSED * rate / 2:.4g} Hz was found without are missed "
-            f"by {100 * error:.3g} % of their rms.",
-            why=f"The samples are {1e3 * pause:.3g} ms apart where they are fewest, which leaves "
-            "no more of the signal.",
+            f"Resampling fails: a signal below {PASSED * rate / 2:.4g} Hz, fitted without some of "
+            f"the samples, differs from these samples by {100 * error:.3g} % of their rms.",
+            why=f"The samples are up to {1e3 * pause:.3g} ms apart, so faster parts of the signal "
+            "cannot be recovered.",
             remedy=_without_pauses(time, begins),
         )
     y = _band_limited(x, time, rate, at)

@@ -84,7 +84,7 @@ class Reading(NamedTuple):
     third: float = np.nan  # ratio of the displacement's largest third harmonic to its first
     frequency_sd: float = np.nan  # standard deviation of the frequency [Hz]
     damping_sd: float = np.nan
-    # residual of the fit that gave the values; NaN if it is that of the linear oscillator
+    # residual of the fit that gave frequency and damping; NaN if a linear oscillator was fitted
     residual: float = np.nan
 
     @property
@@ -161,7 +161,10 @@ def read_curve(
 ) -> Reading:
     """Return frequency and damping of a response curve, at its energy-weighted mean amplitude."""
     if len(omega) < LEAST_POINTS:
-        raise DataError(f"A curve shows its resonance by {LEAST_POINTS} frequencies or more.")
+        raise DataError(
+            f"A response curve must have at least {LEAST_POINTS} frequencies to show its "
+            f"resonance, but has {len(omega)}."
+        )
     return read_resonance(omega, source, y, is_curve=True)._replace(y=_weighed(y))
 
 
@@ -284,7 +287,11 @@ def readings_of_points(test: Test, gain: float | None) -> list[Reading]:
     """
     curves = curves_of_points(test)
     if any(curve.force is None or curve.phase is None for curve in curves):
-        raise DataError(f"Test {test.name} has no force, or no phase to it.")
+        raise DataError(
+            f"Test {test.name} needs a measured force and the phase relative to the force, but "
+            "lacks "
+            "one of the two."
+        )
     if gain is None:
         raise DataError(messages.STATE_MASS)
     return [reading for curve in curves for reading in _readings(curve, gain)]

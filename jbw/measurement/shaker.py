@@ -42,7 +42,7 @@ class ShakerFit:
     # standard deviations of the five values, from the residual of independent lines
     std: Float[np.ndarray, " 5"]
     leftover: float  # residual of the force's spectral lines, divided by their magnitude
-    leftover_gain: float  # the same ratio for a fit by a constant gain alone
+    leftover_gain: float  # residual divided by magnitude for a fit of only a constant gain
     num_lines: int
     band_hz: tuple[float, float]
 
@@ -108,9 +108,10 @@ def fit_attachment(
     coefficients, inverse, residual = _solved(columns, force_lines)
     if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > DEGENERATE:
         raise DataError(
-            f"The band {low:g} to {high:g} Hz must hold a second mode, but the voltage is a sum of "
-            "the drive point's motion and its derivatives, as of one mode.",
-            why="About one mode gain and attachment trade for each other.",
+            f"The band {low:g} to {high:g} Hz must contain a second mode, but the voltage is a sum "
+            "of "
+            "the drive point's motion and its derivatives, as for a single mode.",
+            why="With a single mode, gain and attachment cannot be separated.",
             remedy="Widen the band, or give a record that drives several modes.",
         )
     residual_of_gain = _solved(columns[:, :1], force_lines)[2]

@@ -48,7 +48,7 @@ def _written(seconds: float) -> float:
 
 
 def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
-    """Return the samples in a span, for uneven times that count from the first sample [s]."""
+    """Return the samples in a span [s] from the first sample, for unevenly spaced times."""
     half = 0.5 * float(np.nanmedian(np.diff(time))) if len(time) > 1 else 0.0
     since = time - time[0]
     after = np.flatnonzero(since >= span[0] - half)
@@ -140,7 +140,7 @@ def kept_before(record: Record, at_s: float) -> str:
 
 
 def left_out_from(record: Record, at_s: float) -> str:
-    """Return the remedy for a record that changes at a given time [s], as by a second blow."""
+    """Return the remedy for a record that changes at a given time [s], such as a second blow."""
     if at_s < LEAST * record.num_samples / record.fs:
         return f"{left_out(record)}."
     span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]

@@ -185,9 +185,9 @@ def frf(
     averages = _effective_averages(window, nperseg, noverlap, num_segments) * len(u)
     if averages < 1.5:
         raise DataError(
-            f"The record must hold two segments, but {u.shape[-1] / fs:g} s hold one of "
-            f"{nperseg / fs:g} s.",
-            why="One segment gives a coherence of one and no variance.",
+            f"The record must hold at least two segments of {nperseg / fs:g} s, but is "
+            f"{u.shape[-1] / fs:g} s long.",
+            why="A single segment gives a coherence of one and no variance.",
             remedy=f"Measure {(2 * nperseg - noverlap) / fs:g} s or shorten `window_s`.",
         )
     how = {"fs": fs, "window": window, "nperseg": nperseg, "noverlap": noverlap}
@@ -218,7 +218,7 @@ def _named_channels(
         stated = ", ".join(f"{rate:g}" for rate in sorted(rates)) or "none"
         raise DataError(
             f"Records that are averaged must have one sampling frequency, but have {stated} Hz.",
-            remedy="Estimate the FRF of each record, or resample them.",
+            remedy="Estimate the FRF of each record, or resample the records.",
         )
     # The drive point's channel is an acceleration by definition.
     motion = "acceleration" if response == "drive_point" else response
@@ -233,7 +233,8 @@ def _named_channels(
         raise DataError(
             f"Records that are averaged must have one length, but have {sizes[0]} to {sizes[-1]} "
             "samples.",
-            remedy="Cut them to the shortest, or estimate the FRF of each record.",
+            remedy="Cut all records to the length of the shortest, or estimate the FRF of each "
+            "record.",
         )
     u, y = np.stack(pairs, axis=1)
     return u, y, rates.pop(), motion
@@ -243,7 +244,8 @@ def _channel(record: Record, role: str) -> Reals:
     if role not in record.channels:
         raise ConfigError(
             f"Record {record.name or 'given'} has no channel {role!r}.",
-            remedy=f"{did_you_mean(role, record.channels)}It has: {', '.join(record.channels)}.",
+            remedy=f"{did_you_mean(role, record.channels)}The record has: "
+            f"{', '.join(record.channels)}.",
         )
     return record.channels[role]
 
@@ -306,14 +308,15 @@ def _spectra(
     keep = (freq > 0) & lines_within(freq, (low, high))
     if not keep.any():
         raise ConfigError(
-            f"Argument `band` = ({low:g}, {high:g}) Hz holds no line of the "
-            f"{how['fs'] / how['nperseg']:g} Hz grid."
+            f"Argument `band` = ({low:g}, {high:g}) Hz must contain a spectral line, but the lines "
+            f"are {how['fs'] / how['nperseg']:g} Hz apart.",
+            remedy="Widen `band`, or lengthen the window.",
         )
     s_uu, s_yy, s_uy = (s.mean(axis=0)[keep] for s in (s_uu, s_yy, s_uy))
     if np.any(s_uu <= 0):
         raise DataError(
             "Channel `u` must excite every line of the band, but some have no power at all.",
-            remedy="Narrow `band` to what was excited.",
+            remedy="Narrow `band` to the excited frequencies.",
         )
     return freq[keep], s_uu, s_yy, s_uy
 
@@ -368,8 +371,10 @@ def _warn_when_coarse(estimate: FRF) -> None:
     warnings.warn(
         f"The {estimate.window_s:g} s {estimate.window} window resolves "
         f"{estimate.resolution_hz:.3g} Hz, and the peak at {peak:.4g} Hz is {seen:.3g} Hz wide at "
-        f"half power (damping {seen / (2 * peak):.2%} as it is seen): it is smeared. A longer "
-        f"`window_s` ({longer:.3g} s or more) shows it truer; line_fit allows for the window.",
+        f"half power (apparent damping {seen / (2 * peak):.2%}): the window smears the peak. A "
+        f"longer `window_s` ({longer:.3g} s or more) reduces the smearing; line_fit corrects for "
+        "the "
+        "window.",
         stacklevel=3,
     )
 

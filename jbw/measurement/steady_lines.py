@@ -61,7 +61,7 @@ def without_lines(
             raise DataError(
                 f"a line of `lines_hz` must lie between {PERIODS * resolution:.4g} and "
                 f"{fs / 2:.4g} Hz in a record of {len(x) / fs:.4g} s, but is {hz:g} Hz.",
-                remedy="Leave it out of `lines_hz`, or give a longer record.",
+                remedy=f"Leave {hz:g} Hz out of `lines_hz`, or give a longer record.",
             )
     time: Reals = np.asarray((np.arange(len(part)) - (len(part) - 1) / 2) / fs, np.float64)
     weight = np.hanning(len(part) + 2)[1:-1]
@@ -96,7 +96,7 @@ def without_lines(
             raise DataError(
                 f"the line of `lines_hz` at {line.hz:.5g} Hz is not seen: its amplitude is "
                 f"{line.amplitude:.3g}, with a standard error of {line.error:.2g} over the record.",
-                remedy="Leave it out of `lines_hz`, or correct its frequency.",
+                remedy="Leave this line out of `lines_hz`, or correct its frequency.",
             )
         turn = 2 * np.pi * line.hz * whole_time
         removed += a * np.cos(turn) + b * np.sin(turn)
@@ -134,7 +134,7 @@ class _WeightedPart(NamedTuple):
 def _with_errors(
     lines_hz: Reals, amplitudes: Reals, fitted: _WeightedPart, length_s: float
 ) -> tuple[SteadyLine, ...]:
-    """Return the lines with the errors of their removal, from the residual of the fit."""
+    """Return the fitted lines with the errors of the removal, from the residual of the fit."""
     columns, part, weight, time = fitted
     scatter = part - columns @ amplitudes
     variance = float(np.sum((weight * scatter) ** 2) / np.sum(weight**2))

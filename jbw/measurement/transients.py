@@ -61,14 +61,17 @@ def record_frf(
     low, high = passband(band, fs / 2)
     keep = (freq > 0) & lines_within(freq, (low, high))
     if not keep.any():
-        raise ConfigError(f"Argument `band` = ({low:g}, {high:g}) Hz holds no line of the record.")
+        raise ConfigError(
+            f"Argument `band` = ({low:g}, {high:g}) Hz contains no spectral line of the record.",
+            remedy="Widen `band`, or give a longer record.",
+        )
     spectra: Any = [np.fft.rfft(x - x.mean()) for x in (u, y)]
     size = np.abs(spectra[0])
     if np.min(size[keep]) <= DRIVEN * np.max(size):
         raise DataError(
             f"Channel `u` must excite every line from {low:g} to {high:g} Hz, but some have less "
             f"than {DRIVEN:g} of its largest.",
-            remedy="Narrow `band` to what was swept.",
+            remedy="Narrow `band` to the swept frequencies.",
         )
     freq, (above, below) = freq[keep], (spectra[1][keep], spectra[0][keep])
     factor = (2j * np.pi * freq) ** derivative_order(response)

@@ -137,9 +137,8 @@ class ControlledPoints(Observable):
             raise DataError(
                 "`residuals` = 'own' needs a test whose response is compared, but "
                 f"{family[0][0].name} compares the force.",
-                why="If the response is controlled, the force is compared, and a residual term "
-                "would change this force through the law of the joint.",
-                remedy="State `residuals` as 'upper' or 'both', whose terms all tests share.",
+                why="A residual term changes the compared force through the law of the joint.",
+                remedy="State `residuals` = 'upper' or 'both', whose terms all tests share.",
             )
         rows, values = zip(
             *(
@@ -273,7 +272,7 @@ class ControlledPoints(Observable):
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
-        """Return the standard deviation of each value of a data group, divided by the group's."""
+        """Return the standard deviation of each value of a group, divided by the group's noise."""
         where, force = compared(self.groups, group), self._force_of_test[group]
         scale, mixed = (np.asarray(x)[group][where] for x in (self.scale, self.mixed))
         noise = np.asarray(self.groups.noise_std)
@@ -413,7 +412,7 @@ def _steady_lines(data: ControlledPoints) -> SteadyLines | None:
 
 
 def _points(data: ControlledPoints) -> list[Float[np.ndarray, " point"]]:
-    """Return frequency [rad/s], amplitude [m], source and phase [rad] of all counted points."""
+    """Return frequency [rad/s], amplitude [m], source and phase [rad] of all points, unpadded."""
     counted = np.asarray(data.counted) > 0
     columns = data.omega, data.amplitude, data.load, data.phase
     return [np.asarray(column)[counted] for column in columns]

@@ -40,7 +40,7 @@ from jbw.report.messages import observed as messages
 # Length of a record's first section that determines its initial state, in units of 1 / (zeta
 # omega_n).
 BEGINNING = 0.3
-LEAST_BEGUN = 8  # smallest number of envelope values in that first section
+LEAST_BEGUN = 8  # smallest number of envelope values in the first section of a record
 
 
 class Decays(Envelopes):
@@ -179,7 +179,7 @@ class Decays(Envelopes):
         return {"mean": self.mean[at, :size], "groups": groups}
 
     def statements(self, theta: Theta) -> list[str]:
-        """Return sentences on frequency differences of records, and on independent values."""
+        """Return sentences on frequencies of records, and on independent residual values."""
         shift = np.asarray(matched(theta, self).entry.shift)
         scatter = float(np.sqrt(np.mean(shift**2))) / (2 * np.pi)
         return [

@@ -36,7 +36,8 @@ SPARE = 1.3
 # smallest decay rate at the start and at the end of a record, relative to its mean rate, because
 # noise may hide the true rate
 LEAST_RATE = 0.1
-# Longest simulated time before the strongest decay reaches the weakest record, in record lengths.
+# Longest simulated time, in record lengths, until the strongest decay has fallen to the initial
+# amplitude of the weakest record.
 MOST_WAIT = 20.0
 # The start of a record is first estimated from values above this fraction of the largest one.
 LOUD = 0.3
@@ -128,7 +129,7 @@ class Envelopes(Observable):
 
 
 def _largest_read(test: Test, y_start: float) -> float:
-    """Return the largest displacement [m] with a measured frequency; `y_start` without any."""
+    """Return the largest displacement [m] with a measured frequency, or else `y_start`."""
     try:
         readings = read_decays(test)
     except DataError:
@@ -184,8 +185,9 @@ def _course(
         max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), LEAST_RATE * fall / duration)
         for row in (size[strongest, :edge], size[strongest, -edge:])
     )
-    # The filter shortens the simulated decay at its start, where it decays up to twice as fast. But
-    # no motion was larger than the peak, and a softening spring may not carry a larger one at all.
+    # The filter removes the start of the simulated decay, where the amplitude may fall up to twice
+    # as fast. The simulation therefore begins at a larger amplitude, but not far above the measured
+    # peak, because a softening spring may not carry a larger motion.
     lead = chosen.half / chosen.fs
     slow, fast = (np.exp(size[strongest, 0] + times * first * lead) for times in (1, 2))
     start = HEADROOM * max(slow, min(fast, float(peaks[strongest])))
@@ -204,7 +206,8 @@ def _course(
             f"{np.exp(size[strongest, 0] - weakest):.3g} times smaller, after {wait:.3g} s.",
             why=f"A decay of more than {MOST_WAIT:g} times the length of a record takes too "
             "long to simulate.",
-            remedy="Make a separate test of the weak records, or leave them out with `exclude`.",
+            remedy="Make a separate test of the weak records, or leave these records out with "
+            "`exclude`.",
         )
     # The mode's frequency need not lie in the middle of its band.
     turns = envelope[strongest, 1:edge] * np.conj(envelope[strongest, : edge - 1])

@@ -114,7 +114,7 @@ def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) -> dict[str, float]:
-    """Return starting values of omega_n [rad/s], zeta and gain, for drives that show these.
+    """Return starting values of omega_n [rad/s], zeta and gain of each drive, if tests show them.
 
     They come from the first part of the drive that can give them, else from another drive. A fixed
     gain (in `held`) determines the damping if only steady lines are measured.
@@ -143,7 +143,7 @@ def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
 def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
     values: dict[str, float] = {}
     if any(part.modes for part in parts):
-        for part in parts:  # With several modes, each part may measure another gain.
+        for part in parts:  # Different parts may measure the gains of different modes.
             values = part.shown().first_values() | values
         return with_ratios(values)
     values = next((values for part in parts if (values := part.shown().first_values())), {})

@@ -17,7 +17,8 @@ BEYOND_CHANCE = 3.0
 MISFIT = 0.5
 # Smallest number of independent values in a data group, needed to integrate out its noise.
 LEAST_VALUES = 8
-# The counted fraction of the values of a white residual is hardly ever smaller than this.
+# For a white residual, the estimated fraction of independent values is hardly ever below this
+# value.
 BY_CHANCE = 0.5
 MEDIAN_OF_SQUARE = 0.455  # median of the square of a standard normal variable
 SMOOTHED = 5  # number of neighbouring values over which squared residuals are averaged

@@ -111,7 +111,8 @@ class LineReading(KnownReading):
         linear = jnp.stack([theta[name] for name in READ])
         # Add the variance of effects that averaging over the amplitude neglects.
         margin = jnp.diag((MARGIN * (predicted[0] - linear)) ** 2)
-        # If this estimate is held out, its effective number of values is almost zero.
+        # If this estimate is held out, its effective number of values is almost zero, and its
+        # variance is therefore very large.
         counted = self.groups.num_values[0] / self.groups.num_counted[0]
         scale = self.groups.noise_std[0] ** 2 / counted
         root = jnp.linalg.cholesky(scale * self.covariance + margin)

@@ -21,7 +21,7 @@ from jbw.observables.groups import Covariance, Groups, Rows
 
 
 def group_residuals(groups: Groups, residuals: Rows) -> list[tuple[float, float, bool]]:
-    """Return mean squares of noise and misfit in each group's residual, and if the misfit counts.
+    """Return mean squares of noise and misfit of each group, and whether misfit is significant.
 
     The noise is determined from repeats if there are any.
     """

@@ -26,9 +26,9 @@ from jbw.report.messages import observed as messages
 
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 LABEL = "modes at the joint"
-# prior sd of the logarithms of a mode's motion of the joint, and of its coupling
+# prior standard deviations of ln shape_i (motion of the joint in mode i) and of ln coupling_i
 SHAPE_STD, COUPLING_STD = 1.5, 2.0
-REACH = 3.0  # prior bounds of these logarithms, in standard deviations
+REACH = 3.0  # prior bounds of ln shape_i and ln coupling_i, in standard deviations
 WITHIN = 0.07  # half width of a mode's search range, relative to its stated frequency
 # The data determine a mode's frequency if its gain exceeds this fraction of the largest gain.
 HARDLY_SEEN = 0.02
@@ -170,7 +170,7 @@ def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> 
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
         bounds[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
-        # In this case no test drives the modes, or the reduced model gives their gains.
+        # Without a gain ratio, no test drives the modes, or the reduced model gives their gains.
         if names.ratio not in known:
             continue
         ratio = known[names.ratio]
@@ -211,7 +211,7 @@ class ModesAtJoint(KnownReading):
     def of(
         cls, modes: Modes, stated: Sequence[str], run: str, *, laws: Laws = DEFAULT_LAWS
     ) -> Self:
-        """Build the prior for those motions of the joint that a campaign does not state."""
+        """Build the prior for the joint motions that a campaign does not state."""
         names = tuple(name for name in modes.free if name not in stated)
         growth = jnp.full(len(modes.names), jnp.nan)
         mean, groups = jnp.zeros((1, len(names))), read_before(LABEL, run, len(names))

@@ -21,7 +21,7 @@ from jbw.observables.groups import Covariance, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import Observable, Theta, alone
 
-SILENT = 1e-12  # factor on the number of values of a data group that the likelihood ignores
+SILENT = 1e-12  # factor by which the number of values of an ignored data group is multiplied
 
 Draws = Float[np.ndarray, "chain draw"]
 Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, including fixed ones
@@ -52,7 +52,7 @@ def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
 
 
 def evenly(part: Observable) -> Observable | None:
-    """Return data with each group weighted by its rms; None for prior estimates and free decays."""
+    """Weight each group of a dataset part by its rms; return None for priors and free decays."""
     groups = part.groups
     if groups.is_prior or part.own_shifts:
         return None

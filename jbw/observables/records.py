@@ -164,7 +164,8 @@ class Records(Observable):
             laws=laws,
             held=band_limited(inputs, periodic=periodic),
             mean=jax.device_put(means),
-            groups=repeated(  # in a band, the deviations over time equal those over its lines
+            # For a band, the sum of squared deviations over time equals that over the band's lines.
+            groups=repeated(
                 of_records,
                 np.full(len(tests), size),
                 [test.name for test in tests],
@@ -209,7 +210,7 @@ class Records(Observable):
 
         def one(level: tuple[HeldInput, Array]) -> Float[Array, "*point compared"]:
             source, origin = level
-            # This is empty if runs have no offsets.
+            # `origin` is empty if runs have no offsets.
             offsets = dict(zip(OFFSETS, origin, strict=False))
             motion = response_to(
                 {**theta, **offsets},
@@ -274,7 +275,7 @@ class Records(Observable):
 
         def summed(level: tuple[HeldInput, Array, tuple[Array, ...]]) -> Sums:
             source, origin, rows = level
-            # This is empty if runs have no offsets.
+            # `origin` is empty if runs have no offsets.
             place = dict(zip(OFFSETS, origin, strict=False))
             joint = with_depth(oscillator_of({**theta, **place}, self.laws), self.depth)
             order = derivative_order(self.response)
@@ -284,7 +285,7 @@ class Records(Observable):
 
         arrays = self.mean, groups.directions, offset_from_origin, rows
         sums = jax.lax.map(summed, (self.held, groups.origin, arrays))
-        # A very large motion hides the data by rounding errors.
+        # The rounding errors of a very large motion hide the data.
         return jnp.where(self._hidden(sums.peak), jnp.nan, sums.square), sums.along
 
     def _from_origin(
@@ -383,8 +384,8 @@ class Records(Observable):
         """
         joints = self._joints_at(theta, number) if joints is None else joints
         if joints is None:
-            raise TypeError("Records that are not `solved` are not marched.")
-        measured = None  # With a band, nothing is summed sample by sample.
+            raise TypeError("These records cannot be simulated as a batch of parameter points.")
+        measured = None  # If spectral lines of a band are compared, samples are not.
         if self.lines is None:
             measured = MeasuredResponse(self.mean, self.groups.directions, self.skipped)
         record = record_of(self.held, number, measured)

@@ -12,8 +12,8 @@ from jbw.observables.observable import Observable
 from jbw.observables.records import Records
 from jbw.observables.steady import Points
 
-# The order is that of the parts of a dataset. The fit of spectral lines (Step 2 of the paper) adds
-# its estimates itself.
+# The parts of a dataset have the order of this list. The fit of spectral lines (Step 2 of the
+# paper) is not listed, because its estimates are added separately.
 OBSERVABLES: list[type[Observable]] = [
     Records,
     Points,

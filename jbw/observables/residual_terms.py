@@ -56,7 +56,7 @@ def has_own(residuals: str, *, several_modes: bool) -> bool:
 
 
 def taken(theta: Mapping[str, Any], residuals: str) -> dict[str, Any]:
-    """Return, by name, the residual terms of a test among the parameters."""
+    """Return, by name, those parameters that are residual terms of a test."""
     return {name: theta[name] for name in TAKEN[residuals] if name in theta}
 
 
@@ -124,7 +124,7 @@ def driven(size: Float[Array, " line"]) -> Bool[Array, " line"]:
 
 
 def neighbours_of(theta: Mapping[str, float]) -> tuple[float, ...]:
-    """Return the natural frequencies of the neighbouring modes among the parameters [rad/s]."""
+    """Return the natural frequencies [rad/s] of those neighbouring modes that are parameters."""
     return tuple(float(theta[mode[0]]) for mode in MODES if mode[0] in theta)
 
 

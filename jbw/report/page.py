@@ -3,6 +3,7 @@
 import gzip
 import logging
 import os
+import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -12,7 +13,7 @@ from typing import Any
 
 import jinja2
 import xarray as xr
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from jbw.errors import ConfigError, DataError, printable
 from jbw.report import tables
@@ -43,9 +44,20 @@ PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
 # addition to 2.0 MB of compressed plotly.
 MOST_POINTS = 230_000
 LOOK = "look"  # name of the figure that is shown together with the sentences on single records
+_QUOTED = re.compile(r"`([^`]*)`")
+
+
+def _as_code(value: Any) -> Any:
+    """Escape a text for HTML, with its parts in backticks as code."""
+    if not isinstance(value, str) or isinstance(value, Markup) or "`" not in value:
+        return value
+    return Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(value))))
+
+
 ENVIRONMENT = jinja2.Environment(
     loader=jinja2.PackageLoader("jbw.report"),
     autoescape=True,
+    finalize=_as_code,
     trim_blocks=True,
     lstrip_blocks=True,
     undefined=jinja2.StrictUndefined,

@@ -154,7 +154,7 @@ def test_a_joint_whose_ends_are_one_is_refused():
 def test_a_joint_whose_ends_are_tied_is_refused():
     """Two degrees tied by a penalty: their relative motion is round-off beside their own."""
     stiffness = STIFFNESS + 1e14 * np.outer([1, 0, -1], [1, 0, -1])
-    with pytest.raises(ConfigError, match="no mode up to `to_hz` moves it"):
+    with pytest.raises(ConfigError, match="no mode up to `to_hz` moves this joint"):
         reduced_three(three(stiffness=stiffness))
 
 
@@ -162,7 +162,7 @@ def test_a_joint_that_no_kept_mode_moves_is_refused_and_more_modes_cure():
     """Three separate masses, of which the third is beyond `to_hz`."""
     model = three(np.eye(3), np.diag([100.0, 200.0, 1e6]))
     places = [Joint("bolt", {"112:x": 1.0}, stiffness=1.0)]
-    with pytest.raises(ConfigError, match="no mode up to `to_hz` moves it") as caught:
+    with pytest.raises(ConfigError, match="no mode up to `to_hz` moves this joint") as caught:
         reduced_three(model, places)
     assert "raise `to_hz`" in caught.value.remedy
     assert reduced_three(model, places, to_hz=200.0).num_kept == 3
@@ -260,7 +260,7 @@ def test_matrices_of_other_shapes_and_numbers_are_refused():
 def test_a_frequency_below_the_first_is_refused_and_the_remedy_cures():
     with pytest.raises(ConfigError, match="above the first frequency") as caught:
         reduced_three(to_hz=0.1)
-    proposed = float(caught.value.remedy.split("Set it to ")[1].split(" Hz")[0])
+    proposed = float(caught.value.remedy.split("Set `to_hz` to ")[1].split(" Hz")[0])
     assert reduced_three(to_hz=proposed).num_kept >= 1
 
 

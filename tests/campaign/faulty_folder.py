@@ -136,10 +136,10 @@ FAULTS = (
     Fault("47: MATLAB v7.3", matlab73, "ok"),
     Fault("48: MATLAB table", matlab_table, "error", "is a MATLAB table", "table2array"),
     Fault("49: decimal comma", decimal_comma, "ok"),
-    Fault("49: one column", one_column, "error", "one with a decimal comma", "semicolon"),
+    Fault("49: one column", one_column, "error", "one column with a decimal comma", "semicolon"),
     Fault("50: larger than memory", huge, "error", "GiB", "span"),
     Fault("51: pickle", pickled, "error", "is a pickle", "savez"),
-    Fault("54: link out of the file", linked_out, "error", "links out", "h5copy"),
+    Fault("54: link out of the file", linked_out, "error", "is a link out", "h5copy"),
     Fault("54: bomb", bomb, "error", "16.0 GiB", "span"),
 )  # fmt: skip
 

@@ -150,7 +150,7 @@ def test_a_joint_whose_ends_are_tied_would_not_move(folder):
         return matrices["K"] + 1e16 * np.outer(tie, tie)
 
     fault = refusal_of(folder, K=tied)
-    assert "Joint `bolt 1` must move, but no mode up to `to_hz` moves it" in fault.what
+    assert "Joint `bolt 1` must move, but no mode up to `to_hz` moves this joint" in fault.what
     cancelled = BOLTS.replace(SLIP, 'weights = ["3:ry*1", "3:ry*-1"]')
     fault = refusal_of(folder, STRUCTURE + cancelled + TESTS)
     assert "Joint `bolt 1` must move, but its weights cancel" in fault.what

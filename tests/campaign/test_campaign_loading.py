@@ -205,7 +205,7 @@ def test_swapped_channels_are_doubted(folder):
     path = campaign_file(folder)
     swapped = path.read_text().replace('"shaker"', '"_"').replace('"laser"', '"shaker"')
     path.write_text(swapped.replace('"_"', '"laser"'))
-    with pytest.raises(DataError, match="by the file"):  # the file's own units tell
+    with pytest.raises(DataError, match="in the file"):  # the file's own units tell
         load_campaign(path)
     for i in (1, 2, 10):
         samples = signals(i)

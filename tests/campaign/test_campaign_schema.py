@@ -67,9 +67,9 @@ def test_good_file():
         ("15.0", "true", "gain: must be a number, but is True"),
         ("gain = 15.0", "gain = 15.0\nmodal_mass = 2.0", "gain or modal_mass, not both"),
         ("[5.0, 40.0]", "[40.0, 5.0]", "band: must be [lower, upper] with lower < upper"),
-        ("num_chains = 4", "num_chains = 0", "whole number from 1 on, but is 0"),
+        ("num_chains = 4", "num_chains = 0", "whole number of at least 1, but is 0"),
         ("num_chains = 4", "budget_s = 0.0", "budget_s: must be positive"),
-        ("num_chains = 4", "num_chains = 2.5", "whole number from 1 on, but is 2.5"),
+        ("num_chains = 4", "num_chains = 2.5", "whole number of at least 1, but is 2.5"),
         ('"mm/s"', '"mm\\\\s"', "Did you mean `mm/s`?"),
         ('"mm/s"', '"V"', "`V` measures a voltage, but a velocity is needed"),
         ("[0.2]", "[0.3]", "no test has level 0.3; levels: 0.2"),
@@ -93,7 +93,7 @@ def test_good_file():
             "amplitudes: for kind `frf`, `backbone`, `curve` only",
         ),
         ("level = 0.2", 'gaps = "mask"', "gaps: kind `sweep` needs every sample"),
-        ("level = 0.2", "periods = 0", "periods: must be a whole number from 1 on"),
+        ("level = 0.2", "periods = 0", "periods: must be a whole number of at least 1"),
         ('"sweep_*.h5"', '{ input = "a.mat" }', "must name a file for each role (input, velocity)"),
         ('"sweep_*.h5"', '{ inptu = "a.mat" }', "did you mean `input`"),
         ('name = "beam"', 'name = "beam"\nname = "b"', "not valid TOML"),
@@ -243,9 +243,9 @@ JOINT = "[joint]\nlaws = {laws}\n[[test]]"
         ('["bouc_wen", "bouc_wen"]', "[joint] laws: "),
         (
             '["cubic"]',
-            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has it",
+            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has",
         ),
-        ("[]", "alpha: unknown parameter of the chosen laws; law `bouc_wen` has it"),
+        ("[]", "alpha: unknown parameter of the chosen laws; law `bouc_wen` has this parameter"),
         ('[""]', "[joint] laws: must be a string or a list of strings"),
         ("3", "[joint] laws: must be a string or a list of strings"),
     ],
@@ -260,7 +260,7 @@ def test_laws_of_a_campaign():
     both = changed("[[test]]", JOINT.format(laws='["cubic", "bouc_wen"]'))
     assert parse(both + "cubic = [0.0, 1e9]\n").laws == ("cubic", "bouc_wen")
     alone = changed("[[test]]", JOINT.format(laws='"bouc_wen"')) + "cubic = [0.0, 1e9]\n"
-    assert "cubic: unknown parameter of the chosen laws; law `cubic` has it" in refused(alone)
+    assert "cubic: unknown parameter of the chosen laws; law `cubic` has this" in refused(alone)
     linear = changed("[[test]]", JOINT.format(laws="[]")).replace("alpha = [400.0, 600.0]", "")
     assert parse(linear).laws == ()
 

@@ -200,7 +200,7 @@ units = {{ frequency = "Hz", force = "N", displacement = "{unit}" }}
         ("frf", "amplitude_std = 0.01", "m", "amplitude_std: for kind `backbone`, `curve`"),
         ("backbone", "locked_phase = 90", "m", "must lie between -180 and 0"),
         ("backbone", "", "m/N", "`m/N` of `displacement` is for kind `frf` only"),
-        ("backbone", "resample = 9.0", "m", "resample: for records in time"),
+        ("backbone", "resample = 9.0", "m", "resample: applies only to records in time"),
     ],
 )
 def test_keys_that_do_not_go_together(kind, keys, unit, says):

@@ -198,12 +198,12 @@ def test_channels_with_names_that_say_nothing_are_asked_for_once(tmp_path):
     told = []
     ask, heard = scripted("kanal8", "kanal9", "velocity", "kanal7", "")
     text = start_campaign(tmp_path, channels_named_by(ask, told.append)).text
-    assert told == ["`kanal8` is none of them. Did you mean `kanal9`?"]
-    assert heard[0] == '"first.csv": channel of the response, of kanal7, kanal9 [leave it out]: '
+    assert told == ["`kanal8` is not one of the listed names. Did you mean `kanal9`?"]
+    assert heard[0] == '"first.csv": which channel is the response: kanal7, kanal9? [none]: '
     assert heard[2:4] == [
-        '"first.csv": what kanal9 measures, acceleration or velocity or displacement '
-        "[acceleration]: ",
-        '"first.csv": channel of the drive, of kanal7 [leave it out]: ',
+        '"first.csv": which quantity does kanal9 measure: acceleration or velocity or '
+        "displacement? [acceleration]: ",
+        '"first.csv": which channel is the drive: kanal7? [none]: ',
     ]
     assert len(heard) == 5
     for test in parse(text).tests:

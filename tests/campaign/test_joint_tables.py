@@ -394,7 +394,7 @@ def test_files_of_one_matrix_each(folder):
         (
             'name = "bolt 2"',
             'name = "bolt 2"\nacross = ["4:x", "4:z"]',
-            "weights: states the same as `across`; leave out either",
+            "weights: states the same as `across`; leave out one of the two",
         ),
         (
             'weights = { "4:ry" = 0.0025, "102:ry" = 0.0025 }',

@@ -120,7 +120,7 @@ def test_memory_that_is_exhausted_is_no_internal_error(tmp_path, monkeypatch, ca
     monkeypatch.setattr("jbw.campaign.load.load_campaign", exhausted)
     assert run(["identifiability", str(path)]) == 1
     said = capsys.readouterr().err
-    assert "The memory is exhausted, of which this process may take" in said
+    assert "The memory that this process may take" in said
     assert "`resample = RATE`" in said
     assert "Internal error" not in said
 

@@ -283,7 +283,7 @@ def test_a_folder_stands_for_the_campaign_file_in_it(command, tmp_path, capsys, 
     (folder / "campaign.toml").rename(folder / "a.toml")
     (folder / "b.toml").touch()
     assert run([command, str(folder)]) == 2
-    assert f"Name the file in it: '{folder / 'a.toml'}'" in capsys.readouterr().err
+    assert f"Name the file in this folder: '{folder / 'a.toml'}'" in capsys.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["my records"]  # and no run's folder
 
 

@@ -31,7 +31,7 @@ prior = {{ {prior} }}
         (
             '["jenkins_3"]',
             "alpha = [1.0, 2.0]",
-            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has it",
+            "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has",
         ),
     ],
 )

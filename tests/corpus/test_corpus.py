@@ -106,7 +106,7 @@ def test_the_provenance_says_what_labview_left_out(tmp_path):
 def test_samples_that_a_labview_header_does_not_declare_are_refused(tmp_path, old, new):
     path = written("labview_packets_under_one_header", tmp_path)
     path.write_text(path.read_text().replace(old, new))
-    with pytest.raises(DataError, match=r"declares 19\d samples of 384"), opened(path):
+    with pytest.raises(DataError, match=r"declares 19\d samples, but has 384"), opened(path):
         pass
 
 

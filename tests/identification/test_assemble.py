@@ -37,7 +37,7 @@ def gathered(*tests):
 def test_one_tone_with_one_repeat_is_left_out_and_said_to_be():
     with (
         pytest.warns(UserWarning, match=r"one frequency and one repeat.*tone_5 order 1"),
-        pytest.raises(DataError, match="no test that the joint can be fitted to"),
+        pytest.raises(DataError, match="no test to which the joint can be fitted"),
     ):
         gathered(tone(5.0, 1))
 

@@ -29,7 +29,7 @@ def multisine(noise):
 
 
 @pytest.mark.parametrize("noise", [0.0, 1e-3])
-@pytest.mark.filterwarnings("ignore:.*finer than the lines")
+@pytest.mark.filterwarnings("ignore:.*smaller than the line spacing")
 def test_a_multisine_without_a_band_is_read_where_it_is_driven(noise):
     test = multisine(noise)
     assert driven_band(test.records[0]) == pytest.approx((10.0, 30.0))

@@ -96,7 +96,7 @@ def test_more_stiffness_in_the_joint_than_there_is_in_all():
     with pytest.raises(ConfigError, match=r"alpha < omega_n\^2 must hold") as caught:
         box_of(alpha=(100.0, 2e4))
     assert "20000" in caught.value.what
-    assert "13924 by Step 2" in caught.value.what
+    assert "Step 2 estimates omega_n^2 = 13924" in caught.value.what
     assert "[identify.prior]" in caught.value.remedy
 
 
@@ -120,7 +120,7 @@ def test_stated_stiffnesses_that_exceed_the_whole_together_are_refused_by_name()
     prior = {"alpha": (10.0, 8e3), "iwan_stiffness": (10.0, 7e3)}
     with pytest.raises(ConfigError, match="Priors of `alpha`, `iwan_stiffness`") as caught:
         joint_box(Identify(prior=prior), Scales(OMEGA_N, 0.004, 1e-3), None, ("bouc_wen", "iwan4"))
-    assert "reach 15000 and omega_n^2 is 13924" in caught.value.what
+    assert "reaches 15000 and Step 2 estimates omega_n^2 = 13924" in caught.value.what
     three = {f"stiffness_{i}": (10.0, 5e3) for i in (1, 2, 3)}
     with pytest.raises(ConfigError, match="Priors of `stiffness_1`, `stiffness_2`, `stiffness_3`"):
         joint_box(Identify(prior=three), Scales(OMEGA_N, 0.004, 1e-3), None, ("jenkins_3",))

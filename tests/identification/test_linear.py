@@ -14,7 +14,7 @@ RESPONSES = ("displacement", "velocity", "acceleration")
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore:The .* hann window resolves"),
-    pytest.mark.filterwarnings("ignore:The damping .* is finer than the lines"),
+    pytest.mark.filterwarnings("ignore:.*is smaller than the line spacing"),
 ]
 
 
@@ -164,7 +164,7 @@ def test_pooling():
 def test_damping_finer_than_the_lines_warns():
     u, y = stationary(np.random.default_rng(6), 512, zeta=0.001)
     estimate = frf(u, y, FS, window_s=16)
-    with pytest.warns(UserWarning, match=r"finer than the lines .*\+-0\.0"):
+    with pytest.warns(UserWarning, match=r"smaller than the line spacing .*\+-0\.0"):
         fit = line_fit(estimate)
     assert abs(fit.zeta - 0.001) < 4 * fit.std[1]
 

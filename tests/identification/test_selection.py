@@ -84,7 +84,7 @@ def test_the_remedy_of_too_many_repeats_is_taken():
 
 @pytest.mark.parametrize("value", ["half", 0, True, 2.5])
 def test_a_number_of_repeats_is_whole_or_all(value):
-    with pytest.raises(ConfigError, match='whole number from 1 on, or "all"'):
+    with pytest.raises(ConfigError, match='whole number of at least 1, or "all"'):
         Identify.of({"fit_repeats": value})
 
 

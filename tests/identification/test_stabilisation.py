@@ -48,7 +48,7 @@ def test_modes_stay_in_noise_and_its_poles_do_not():
 def test_the_orders_are_two_to_eight_times_the_modes():
     found = stabilisation(outputs(0.01), 5)
     assert (found.order.min(), found.order.max()) == (10, 40)
-    with pytest.raises(DataError, match="must hold 19 lines or more to look for 4 modes"):
+    with pytest.raises(DataError, match="must contain at least 19 lines to look for 4 modes"):
         stabilisation(outputs(freq=FREQ[:18]), 2)
 
 

@@ -181,10 +181,10 @@ def test_factors_are_named_among_other_parameters():
 
 def test_a_prior_of_a_factor_that_is_not_inferred_is_refused(stuck):
     prior = {"motion_factor_1@bolt_1": (0.9, 1.1)}
-    with pytest.raises(ConfigError, match="must be of a factor that is inferred") as caught:
+    with pytest.raises(ConfigError, match="is not one of the inferred factors") as caught:
         measured_in(replace(stuck, settings=Identify.of({"prior": prior})), quietly)
     assert "motion_factor_2@bolt_1, motion_factor_2@bolt_2" in caught.value.what
-    assert caught.value.remedy == "Leave it out."
+    assert caught.value.remedy == "Leave the prior of `motion_factor_1@bolt_1` out."
 
 
 def test_a_prior_of_a_factor_needs_uncertain_shapes_and_the_remedy_cures(tmp_path):
@@ -192,7 +192,7 @@ def test_a_prior_of_a_factor_needs_uncertain_shapes_and_the_remedy_cures(tmp_pat
     prior = '[identify]\nprior = { "motion_factor_2@bolt_2" = [0.9, 1.1] }\n'
     text = path.read_text().replace("[identify]\n", prior, 1)
     path.write_text(text)
-    with pytest.raises(ConfigError, match="needs shapes that are uncertain") as caught:
+    with pytest.raises(ConfigError, match="needs uncertain mode shapes") as caught:
         measured_in(load_with_doubts(path)[0], quietly)
     ((table, line),) = lines_of(caught.value.remedy)
     path.write_text(text.replace(f"[{table}]\n", f"[{table}]\n{line}\n", 1))

@@ -29,7 +29,7 @@ def test_a_decay_too_short_for_its_band_is_left_out_and_the_other_stays():
     assert kept == (long,)
     (sentence,) = said
     # The filter of a band of 10 Hz is longer than a tenth of a second.
-    assert sentence.startswith("Test short is left out: A band of 10 Hz takes a record longer than")
+    assert sentence.startswith("Test short is left out: A band of 10 Hz needs a record longer than")
     assert "Widen `band`" in sentence
     assert assemble(measured(kept, Identify(), gain=1.0)).labels
 
@@ -39,7 +39,7 @@ def test_strict_keeps_it_and_the_refusal():
     kept, said, _ = usable(tests, Identify(strict=True))
     assert kept == tuple(tests)
     assert said == ()
-    with pytest.raises(DataError, match="takes a record longer than"):
+    with pytest.raises(DataError, match="needs a record longer than"):
         assemble(measured(kept, Identify(strict=True), gain=1.0))
 
 
@@ -47,7 +47,7 @@ def test_where_none_is_left_the_refusal_says_why():
     only = [decay("short", 0.1)]
     kept, said, _ = usable(only, Identify())
     assert (kept, said) == (tuple(only), ())
-    with pytest.raises(DataError, match="takes a record longer than"):
+    with pytest.raises(DataError, match="needs a record longer than"):
         assemble(measured(kept, Identify(), gain=1.0))
 
 

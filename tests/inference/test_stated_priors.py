@@ -118,7 +118,7 @@ def test_a_density_is_written_and_read_as_it_is(stated):
     ("stated", "says"),
     [
         ({"LogNorml": [1.0, 2.0]}, "did you mean `LogNormal`"),
-        ({"Poisson": [3.0]}, "a density of one real number, but `Poisson` is none"),
+        ({"Poisson": [3.0]}, "a density of one real number, but `Poisson` is not"),
         ({"Dirichlet": [1.0]}, "cannot be Dirichlet"),
         ({"Normal": [0.0, -1.0]}, "invalid scale"),
         ({"Normal": [0.0, "a"]}, "takes finite numbers, but one is 'a'"),
@@ -128,7 +128,7 @@ def test_a_density_is_written_and_read_as_it_is(stated):
         ({"Normal": [0, 1], "Gamma": [1, 1]}, "names Normal, Gamma"),
         ({"Delta": [1.0]}, "needs a distribution function, which `Delta` lacks"),
         ({"constraints": []}, "which NumPyro lacks"),
-        ({"Distribution": []}, "`Distribution` is none"),
+        ({"Distribution": []}, "`Distribution` is not"),
         ("wide", r"must be \[lower, upper\], or a distribution"),
         ([2.0, 1.0], "lower < upper"),
         (dist.MultivariateNormal(jnp.zeros(2), jnp.eye(2)), "a density of one real number"),

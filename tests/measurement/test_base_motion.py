@@ -79,7 +79,7 @@ def test_a_mode_on_a_moving_base_is_read_as_it_is(tmp_path, role, unit, more):
     [
         ({"role": "velocity", "unit": "m/s"}, "the response must be `acceleration`, unless"),
         ({"more": "delay = 0.01"}, "not allowed with `base`"),
-        ({"more": 'drive = "force"'}, "leave out either"),
+        ({"more": 'drive = "force"'}, "leave out one of the two"),
     ],
 )
 def test_what_a_test_on_a_base_cannot_have_is_named(tmp_path, options, said):

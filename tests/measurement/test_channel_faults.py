@@ -123,7 +123,7 @@ def test_unit_is_required_known_and_not_contradicted(tmp_path, h5):
     assert "Role `velocity`: Unit `m/z`" in error.what
     assert "`m/s`" in error.remedy
     error = refused(h5, ROLES, {"velocity": "mm/s"})
-    assert "`mm/s` by the campaign but in `m/s` by the file" in error.what
+    assert "`mm/s` in the campaign but `m/s` in the file" in error.what
 
 
 def test_units_are_converted_and_said(tmp_path):

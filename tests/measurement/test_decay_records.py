@@ -142,6 +142,15 @@ def test_hum_is_named_with_its_frequency_and_size(times, hz):
     assert share == pytest.approx(0.03 * np.exp(RATE * 2.44 / 25.0), rel=0.05)
 
 
+@pytest.mark.parametrize("size", [0.04, 0.13])
+@pytest.mark.parametrize("hz", [26.0, 32.0])
+def test_a_line_that_long_outlasts_the_decay_is_not_read_as_the_mode(hz, size):
+    """After twenty time constants the line has more energy than the mode, or nearly as much."""
+    t = np.arange(round(20 / RATE * FS)) / FS
+    (fault,) = found(noisy(free(t[-1] + 1 / FS) + size * np.sin(2 * np.pi * hz * t), noise=1e-4))
+    assert float(fault.what.split()[4]) == pytest.approx(hz, rel=1e-3)
+
+
 def test_a_line_outside_the_band_is_not_doubted():
     t = np.arange(6000) / FS
     assert named(found(noisy(free() + 0.05 * np.sin(2 * np.pi * 100.0 * t)))) == []

@@ -71,7 +71,7 @@ def test_a_universal_file_of_shapes_alone_is_named_for_what_it_holds(tmp_path):
     lines = ["    -1", "  2411", "         1         1         1        11", "    -1",
              "    -1", "    55", "NONE", "    -1"]  # fmt: skip
     (tmp_path / "shapes.unv").write_text("\n".join(lines) + "\n")
-    with pytest.raises(DataError, match=r"no set of type 58, .* of type 55, 2411") as caught:
+    with pytest.raises(DataError, match=r"no data set of type 58 .* of type 55, 2411") as caught:
         read(tmp_path / "shapes.unv", {"velocity": "set[0]"})
     assert "UFF 58" in caught.value.remedy
 

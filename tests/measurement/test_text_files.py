@@ -153,7 +153,7 @@ def test_a_unit_that_contradicts_the_header_is_refused(tmp_path, role, unit):
     path = columns(tmp_path / "a.csv", "time [ms],force [kN],velocity [mm/s]", MS, FORCE, SPEED)
     roles = {"time": "time", "force": "force", "velocity": "velocity"}
     error = refused(path, roles, {role: unit})
-    assert f"role `{role}` is in `{unit}` by the campaign" in error.what
+    assert f"role `{role}` has the unit `{unit}` in the campaign" in error.what
 
 
 def test_an_unknown_unit_of_the_time_is_asked_for(tmp_path):
@@ -173,7 +173,7 @@ def test_a_rate_against_an_unnamed_column_of_times_is_refused(tmp_path):
     even = np.arange(512) / 100.0
     jitter = np.cumsum(0.01 * (1 + 0.3 * rng.standard_normal(512)))
     roles = {"velocity": "velocity"}
-    for time, fs, says in ((even, 99.0, "against 99 Hz"), (jitter, 100.0, "against 100 Hz")):
+    for time, fs, says in ((even, 99.0, "contradict 99 Hz"), (jitter, 100.0, "contradict 100 Hz")):
         path = columns(tmp_path / "a.csv", "Time (s),velocity", time, SPEED)
         error = refused(path, roles, UNITS_V, fs=fs)
         assert says in error.what

@@ -401,7 +401,7 @@ def test_hold_out_and_fit_choose_the_tests(mixed):
     assert [part.groups.labels for part in data.parts] == [("held at 20",)]
     with pytest.raises(ConfigError, match="`hold_out` must name tests"):
         assemble(measured(tests, Identify(hold_out=["other"]), gain=GAIN))
-    with pytest.raises(DataError, match="no test that the joint can be fitted to"):
+    with pytest.raises(DataError, match="no test to which the joint can be fitted"):
         assemble(measured(tests, Identify(fit=["sweep"]), gain=GAIN))
 
 

@@ -165,7 +165,7 @@ def test_bands_leave_room_for_the_filters_of_others():
 
 def test_a_drive_point_is_refused_of_decays_alone():
     structure = Structured(modes=HZ, driving_point=True)
-    with pytest.raises(DataError, match="driving_point needs tests that something drives"):
+    with pytest.raises(DataError, match="driving_point needs driven tests"):
         assembled(modal_decay_test(STARTS[:1]), structure)
 
 

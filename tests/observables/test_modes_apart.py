@@ -125,9 +125,9 @@ def test_ratios_that_one_joint_would_share_are_compared(data):
 
 
 def test_what_is_known_of_a_common_joint_is_refused():
-    with pytest.raises(ValueError, match=r"modal: .* which `driving_point` describes"):
+    with pytest.raises(ValueError, match=r"modal: .*`driving_point` describes"):
         Structured(modes=(18.8, 57.2), modal=True, driving_point=True)
     for structure, name in ((APART, "shape_2"), (STATED, "delta_mode_2")):
         settings = Identify.of({"prior": {name: (0.1, 1.0)}})
-        with pytest.raises(ConfigError, match=f"`{name}` must be a parameter of"):
+        with pytest.raises(ConfigError, match=f"`{name}` applies only to modes that"):
             modes_of(structure, [], settings)

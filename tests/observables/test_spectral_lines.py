@@ -102,7 +102,7 @@ def test_another_mode_outside_the_band_is_left_out():
         assert error == pytest.approx(alone, rel=0.02)
 
 
-@pytest.mark.filterwarnings("ignore:.*The damping .* is finer than the lines")
+@pytest.mark.filterwarnings("ignore:.*is smaller than the line spacing")
 def test_step_2_reads_a_multisine_by_its_periods_without_leakage():
     test = two_modes(repeats=2, size=1024, periods=8)
     lone = Test(

@@ -69,8 +69,8 @@ def test_a_modal_mass_makes_newtons_and_its_range_is_inferred():
         (LEAST + "alpha = [1.0, 2e4]\n", ["alpha: must stay below omega_n^2", "15791"]),
         (LEAST + "wanted = ['alfa']\n", ["'alfa' is unknown; did you mean `alpha`"]),
         (LEAST + "noise_unit = 'V'\n", ["Unit `V` measures a voltage"]),
-        (LEAST + "joints = 1\n", ["joints: must be a whole number from 2 on"]),
-        (LEAST + "max_repeats = 0\n", ["max_repeats: must be a whole number from 1 on"]),
+        (LEAST + "joints = 1\n", ["joints: must be a whole number of at least 2"]),
+        (LEAST + "max_repeats = 0\n", ["max_repeats: must be a whole number of at least 1"]),
         (LEAST + "fs = 'fast'\n", ["fs: must be a number"]),
         (
             LEAST + "[tones]\ndwell = 2.0\nsettle = 3.0\n",

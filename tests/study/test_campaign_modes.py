@@ -93,7 +93,7 @@ def test_modes_are_counted_or_named(stated):
     ("stated", "said"),
     [
         ("[18.8, 30.0]", r"modes: 30 Hz must lie in the band .* 17 to 22 Hz"),
-        ("0", "must be a whole number from 1 on"),
+        ("0", "must be a whole number of at least 1"),
         ("true", "must be"),
         ("[18.8, 18.8]", "must not repeat a frequency"),
         ('"two"', "must be a list of numbers"),

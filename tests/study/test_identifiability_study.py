@@ -173,7 +173,7 @@ def test_the_command_prints_spectrum_and_words(tmp_path, capsys, quiet_jax):
         ([], 2, "Missing argument"),
         (["none.toml"], 2, "none.toml"),
         (["CAMPAIGN", "--seed", "x"], 2, "--seed"),
-        (["HELD"], 3, "no test that the joint can be fitted to"),
+        (["HELD"], 3, "no test to which the joint can be fitted"),
     ],
 )
 def test_bad_input_of_the_command(tmp_path, capsys, quiet_jax, arguments, code, says):

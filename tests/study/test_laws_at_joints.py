@@ -74,7 +74,7 @@ def test_joints_without_a_law_are_refused_and_the_remedy_cures(tmp_path):
     path = two_bolts.written(tmp_path, bolts=None)
     text = path.read_text()
     path.write_text(text.replace("[[joint]]\n", "[[joint]]\nlaws = []\n"))
-    with pytest.raises(ConfigError, match="needs a joint that has one") as caught:
+    with pytest.raises(ConfigError, match="needs a joint with a law") as caught:
         compare_laws(load_with_doubts(path)[0])
     ((table, line),) = lines_of(caught.value.remedy)
     path.write_text(text.replace(f"[{table}]\n", f"[{table}]\n{line}\n", 1))

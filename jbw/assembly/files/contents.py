@@ -49,7 +49,7 @@ def require_sparse(name: str, shape: Sequence[int], entries: int) -> None:
         shape: Rows and columns.
         entries: Number of stored entries.
     """
-    takes = f"A matrix of {shape[0]} x {shape[1]} with {entries} entries in {name} takes"
+    takes = f"The matrix in {name}, {shape[0]} x {shape[1]} with {entries} entries, needs"
     require_readable(INDEX * max(shape) + ENTRY * entries, takes, messages.WITHOUT_GAPS)
 
 

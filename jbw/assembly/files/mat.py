@@ -82,6 +82,6 @@ def _read73(file: h5py.File, node: Any) -> Any:
 
 
 def _loaded(node: Any) -> np.ndarray:
-    takes = f"The array {node.name} of shape {node.shape} takes"
+    takes = f"The array {node.name} of shape {node.shape} needs"
     require_readable(node.nbytes, takes, messages.AS_SPARSE)
     return np.asarray(node)

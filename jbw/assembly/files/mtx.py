@@ -55,12 +55,14 @@ def _abaqus(path: Path) -> MatrixFile:
         raise DataError(
             f"{path.name} must contain numbers (node, dof, node, dof and entry, or row, column "
             f"and entry), but does not: {error}.",
-            remedy="Export it by *MATRIX OUTPUT, FORMAT=MATRIX INPUT, or as Matrix Market.",
+            remedy="Export the matrix with *MATRIX OUTPUT, FORMAT=MATRIX INPUT, or as Matrix "
+            "Market.",
         ) from None
     if table.shape[0] == 0 or table.shape[1] not in (3, 5):
         raise DataError(
             f"{path.name} must have 3 or 5 numbers per line, but has {table.shape[1]}.",
-            remedy="Export it by *MATRIX OUTPUT, FORMAT=MATRIX INPUT, or as Matrix Market.",
+            remedy="Export the matrix with *MATRIX OUTPUT, FORMAT=MATRIX INPUT, or as Matrix "
+            "Market.",
         )
     if table.shape[1] == 5:
         matrix, dofs = of_labels(_labels(table[:, :2]), _labels(table[:, 2:4]), table[:, 4])
@@ -70,7 +72,7 @@ def _abaqus(path: Path) -> MatrixFile:
         raise DataError(
             f"Rows and columns of {path.name} must be counted from 1, but one is "
             f"{min(row.min(), column.min())}.",
-            remedy="Export it by *MATRIX OUTPUT, FORMAT=COORDINATE.",
+            remedy="Export the matrix with *MATRIX OUTPUT, FORMAT=COORDINATE.",
         )
     size = int(max(row.max(), column.max()))
     require_sparse(path.name, (size, size), len(table))

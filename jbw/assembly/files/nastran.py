@@ -42,10 +42,11 @@ def _op2(path: Path) -> dict[str, Any]:
 def _missing(path: Path, error: Exception) -> DataError:
     installed = not isinstance(error, ModuleNotFoundError)
     return DataError(
-        f"{path.name} is read by pyNastran, which "
-        + (f"does not load here: {error}." if installed else "is not installed."),
+        f"pyNastran, which reads {path.name}, does not load here: {error}."
+        if installed
+        else f"pyNastran, which reads {path.name}, is not installed.",
         remedy="Export a punch file of DMIG, which needs no pyNastran."
         if installed
-        else "Export a punch file of DMIG, which needs no pyNastran, or install it with "
+        else "Export a punch file of DMIG, which needs no pyNastran, or install pyNastran with "
         "pip install --no-deps pyNastran cpylog docopt-ng.",
     )

@@ -136,7 +136,7 @@ def _in_one_order(parts: _Parts) -> _Parts:
     if parts.table is None and any(row is None for row in rows):
         raise DataError(
             "Either all matrices or none must state their degrees of freedom, but only some do.",
-            remedy="Export all of them in one format, or give the table as `dofs`.",
+            remedy="Export all matrices in one format, or give the table as `dofs`.",
         )
     named = dict.fromkeys(dof for row in rows for dof in row or ())
     table = list(named) if parts.table is None else parts.table
@@ -207,7 +207,8 @@ def _named(file: MatrixFile, role: str, where: str, *, required: bool = True) ->
     raise DataError(
         f"{where} must hold the {role} matrix as {_NAMES[role][0]}, but holds "
         f"{names or 'a matrix without a name' if file.matrices else 'no matrix'}.",
-        remedy='Use such a name, or one file each: { mass = "M.mtx", stiffness = "K.mtx" }.',
+        remedy="Use one of these names, or give one file for each matrix: "
+        '{ mass = "M.mtx", stiffness = "K.mtx" }.',
     )
 
 
@@ -220,7 +221,7 @@ def _contents(path: Path) -> MatrixFile:
     if suffix not in READERS:
         raise DataError(
             f"Matrices must be in a file of type {', '.join(READERS)}, but `{path.name}` is not.",
-            remedy="Export them as Matrix Market (.mtx): Ansys by *EXPORT, ..., MMF.",
+            remedy="Export the matrices as Matrix Market (.mtx); in Ansys use *EXPORT, ..., MMF.",
         )
     return _attempted(path, import_module(f"jbw.assembly.files.{READERS[suffix]}").contents)
 
@@ -230,7 +231,7 @@ def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
     if not path.is_file():
         raise DataError(
             f"File `{path}` does not exist.",
-            remedy="Check the path; those in a campaign file are relative to its folder.",
+            remedy="Check the path; paths in a campaign file are relative to the file's folder.",
         )
     try:
         return read(path)
@@ -239,7 +240,7 @@ def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
     except Exception as error:
         raise DataError(
             f"{path.name} cannot be read: {type(error).__name__}: {error}.",
-            remedy="Export it again, or in another format.",
+            remedy="Export the file again, or export it in another format.",
         ) from error
 
 

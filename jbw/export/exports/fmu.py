@@ -174,8 +174,8 @@ def compile_shared(source: Path, target: Path) -> bool:
         raise RunError(
             f"The compiler `{' '.join(command)}` failed with code {done.returncode}: "
             f"{done.stderr[-500:]}",
-            remedy="Choose another one in the environment, CC=gcc, or CC=none to write only "
-            "sources.",
+            remedy="Set the environment variable CC to another compiler, for example CC=gcc, or "
+            "set CC=none to write only sources.",
         )
     return True
 

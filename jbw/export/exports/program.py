@@ -193,7 +193,7 @@ def require_joints(program: Program, result: JointsExport, takers: Iterable[str]
     if program.joints is None:
         raise ConfigError(
             f"{program.title} supports only one joint, but the run has {len(result.cards)}.",
-            why="Its file states neither the joint nor its degrees of freedom.",
+            why=f"A file for {program.title} states neither joints nor their degrees of freedom.",
             remedy=f"Choose another program: --to {','.join(takers)}.",
         )
     for card in result.cards:
@@ -210,7 +210,7 @@ def takes_joints(program: Program, result: JointsExport) -> bool:
     return True
 
 
-# -- laws in closed code ---------------------------------------------------------------------------
+# -- templates of laws -----------------------------------------------------------------------------
 def family_of(law: str) -> str:
     """Return the name of a law without its number, such as `jenkins` for `jenkins_3`."""
     root = re.sub(r"_\d+$", "", law)

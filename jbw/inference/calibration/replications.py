@@ -178,7 +178,7 @@ def _ranks(
     return ranked(key, quantities[-1], of_draws, arrived)
 
 
-# These are compiled once for all replications that do not run in parallel.
+# Both functions are compiled once for all replications that do not run in parallel.
 _posed_alone, _ranks_alone = eqx.filter_jit(_posed), eqx.filter_jit(_ranks)
 
 
@@ -306,5 +306,6 @@ def _require_quantiles(name: str, prior: Any) -> None:
     raise ConfigError(
         f"The prior of `{name}` must have quantiles, but NumPyro's {kind} has neither `icdf` nor "
         "`cdf`.",
-        remedy="Take one that has, such as Normal, LogNormal, Gamma, Beta or StudentT.",
+        remedy="Take a distribution with quantiles, such as Normal, LogNormal, Gamma, Beta or "
+        "StudentT.",
     )

@@ -34,8 +34,8 @@ from jbw.report.messages.message import listed
 
 # largest exponent in a named combination; larger exponents only show that prior widths differ
 SENSIBLE = 10.0
-# largest standard deviation of a named combination of parameters, relative to that of the direction
-# in parameter space which it describes
+# Largest ratio of the standard deviation of a named combination of parameters to that of the
+# direction in parameter space that the combination describes.
 AS_WELL = 2.0
 # Factors compensate each other if their product's standard deviation is less than this fraction of
 # their own.
@@ -79,7 +79,7 @@ class Direction:
 
 @dataclass(frozen=True)
 class QuantityInformation:
-    """A parameter or product: its value, its standard deviation, and the ratio to the prior's."""
+    """A parameter or product: value, standard deviation, and ratio to the prior's deviation."""
 
     text: str
     value: float
@@ -320,7 +320,7 @@ def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None
     j = beyond[0]
     if j == 0:  # The profile of another parameter has found a better fit.
         return float(s[0])
-    if not np.isfinite(root[j]):  # The model cannot be solved there, so the rise is unknown.
+    if not np.isfinite(root[j]):  # The model has no solution at this point.
         return float(s[j])
     share = (level - root[j - 1]) / (root[j] - root[j - 1])
     return float(s[j - 1] + share * (s[j] - s[j - 1]))

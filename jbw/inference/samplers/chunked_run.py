@@ -204,8 +204,8 @@ def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:
     if arrays is None or str(arrays.get("fingerprint")) == mark:
         return arrays
     warnings.warn(
-        "The stored chains are of another posterior, or of another number of devices: they "
-        "start again.",
+        "The stored chains belong to another posterior or to another number of devices; new chains "
+        "are started.",
         stacklevel=4,
     )
     return None

@@ -107,8 +107,8 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return log weights with a smoothed Pareto tail, and their k-hat."""
     from arviz_stats.base.array import array_stats  # an import of one second, needed only here
 
-    stats: Any = array_stats  # its annotations admit tuples that it never returns here
-    # ArviZ expects the negative of the log weights, as in leave-one-out log likelihoods; its
+    stats: Any = array_stats  # ArviZ annotates tuples, which are not returned in these calls.
+    # ArviZ expects the negative of the log weights, as in leave-one-out log likelihoods; ArviZ's
     # quantiles overflow for a very large k-hat.
     raw = np.asarray(raw)
     try:

@@ -78,8 +78,8 @@ def require_arrival(arrived: bool) -> None:
     """Raise a ModelError if runs filled their storage before they ended."""
     if not arrived:
         raise ModelError(
-            f"Nested sampling left more than the share {LEFT:g} of the evidence in its live points "
-            f"after {ROOM} times their number of replacements.",
+            f"Nested sampling stopped after {ROOM} replacements per live point, but the live "
+            f"points still hold more than the fraction {LEFT:g} of the evidence.",
             remedy="Narrow the prior, or pass the start and covariance of a fit.",
         )
 

@@ -80,7 +80,9 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     """
     d = len(problem.box.names)
     if problem.outer != IDENTITY:
-        raise ConfigError("Sampler quadrature draws in the parameters themselves, in their box.")
+        raise ConfigError(
+            "Sampler quadrature works only in the parameters themselves, without other coordinates."
+        )
     moments, count = located(problem), options.num_places or PLACES[d]
     by_axis = [_on_its_axis(i, problem, moments, count) for i in range(d)]
     marginals = jax.tree.map(

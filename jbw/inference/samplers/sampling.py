@@ -317,7 +317,8 @@ def _check_suits(entry: Sampler, place: Reparametrisation, box: Box) -> None:
     if entry.needs_fit and place.covariance is None:
         raise ConfigError(
             f"Argument `covariance` must be given for the sampler {entry.name}, but is None.",
-            why="It draws from a Gaussian, and weights the draws by the posterior.",
+            why=f"Sampler {entry.name} draws from a Gaussian, and weights the draws by the "
+            "posterior.",
             remedy='Pass the start and covariance of a fit, or use sampler="nuts".',
         )
     if not entry.suits(len(box.names)):

@@ -89,7 +89,8 @@ def require_float64() -> None:
     if not jax.config.jax_enable_x64:
         raise ConfigError(
             "Inference needs float64, but JAX runs in float32.",
-            why="Posteriors as narrow as 1e-6 of the box are lost in single precision.",
+            why="Single precision does not resolve posteriors as narrow as 1e-6 of the prior "
+            "range.",
             remedy="Call jbw.enable_x64() before any array is made.",
         )
 
@@ -135,8 +136,9 @@ def prior_of(product: Product, box: Box) -> tuple[float, float]:
     missing = [name for name in product.powers if name not in box.names]
     if missing:
         raise ConfigError(
-            f"Argument `product` must name parameters of the box, but names {', '.join(missing)}.",
-            remedy=f"The box has {', '.join(box.names)}.",
+            "Argument `product` must name parameters of the prior, but names "
+            f"{', '.join(missing)}.",
+            remedy=f"Use parameters of the prior: {', '.join(box.names)}.",
         )
     mean, square, bounds = 1.0, 1.0, bounds_by_name(box)
     for name, power in product.powers.items():

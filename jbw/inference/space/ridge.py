@@ -34,8 +34,8 @@ from jbw.inference.space.reparametrisation import (
 # A parameter belongs to the posterior's ridge if its component exceeds this fraction of the largest
 # one.
 PART = 0.3
-# A bound is parallel to the posterior's ridge if the ridge's direction has a smaller component
-# across the bound.
+# A bound counts as parallel to the posterior's ridge if the component of the ridge's direction
+# across the bound is below this value.
 NARROW = 1e-9
 # range of the coordinate r along the ridge in which chains start, even if the optimum lies at a
 # bound

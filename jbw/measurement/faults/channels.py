@@ -37,8 +37,8 @@ FEWEST_LEVELS = 256  # distinct values: 8 bits
 FEW_SOURCE_LEVELS = 16
 PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m], [m/s], [m/s^2]
 GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration": "mm/s^2"}
-# Smallest number of changes of the value. By chance, all of them lie at multiples of a number of
-# samples in 2^-24 of the cases.
+# Smallest number of changes of the value. All changes lie at even samples by chance in only 2^-24
+# of the cases.
 CHANGES = 24
 ORDER = 8  # number of samples from which the next one is predicted
 MANY = 2**16  # largest number of samples to which the prediction is fitted
@@ -77,7 +77,7 @@ def inspect(
 def _channel(record: Record, role: str, masked: bool, delay_s: float) -> Iterator[Fault]:
     """Yield the faults of one channel; stop after a fault that makes the numbers meaningless."""
     x = record.channels[role]
-    # `min` and `max` return NaN if there is one, and need no copy of a long record.
+    # `min` and `max` return NaN if any sample is NaN, and need no copy of a long record.
     if len(x) and not np.isfinite([x.min(), x.max()]).all():
         finite = np.isfinite(x)
         bad = np.flatnonzero(~finite)
@@ -129,7 +129,7 @@ def _signal(record: Record, role: str, delay_s: float = 0.0) -> Iterator[Fault]:
         return
     is_measured = role in RESPONSES or role == "restoring_force"
     each, first = held_for(x) if is_measured else (1, 0)
-    if each > 1:  # Other faults show in the values if each value is used only once.
+    if each > 1:  # Other faults are searched in a copy that contains each held value only once.
         lag_s, driven = (each - 1) / 2 / record.fs, set(INPUTS) & record.channels.keys()
         if not LAGS[0] * lag_s <= abs(delay_s) <= LAGS[1] * lag_s:
             line = lag_s if driven else None
@@ -159,7 +159,7 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
     low, high = float(others.min()), float(others.max())
     for end, away in zip(ends, (low - ends[0], ends[1] - high), strict=True):
         at = np.flatnonzero(x == end)
-        # A single such sample in a source may be a pulse.
+        # In a source, a single sample far from all others may be a pulse.
         if away > FAR * (high - low) and (len(at) > 1 or role in RESPONSES):
             first, remedy = at[0] / record.fs, kept_part(record, x == end)
             fault_text = messages.lost_samples(len(at), len(x), end, first, (low, high), remedy)
@@ -175,8 +175,8 @@ def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
     # index at which each run of equal samples begins, except the first run of the record
     changes = np.flatnonzero(np.diff(x)) + 1
     starts, stops = changes, np.append(changes[1:], len(x))
-    # By chance, n p^(length - 1) of n runs are as long, where p is the fraction of runs longer than
-    # one.
+    # By chance, n p^(length - 1) of n runs have at least this length, where p is the fraction of
+    # runs longer than one sample.
     chance_of_repeat = min(np.mean(stops - starts > 1), 1 - 1e-9)
     by_chance = 1 + np.log(CHANCE / len(x)) / np.log(max(chance_of_repeat, CHANCE))
     long = stops - starts >= max(HELD_RUN, by_chance)

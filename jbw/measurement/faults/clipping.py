@@ -26,8 +26,8 @@ NO_CHANCE = 6  # number of equal samples in a flat peak that noise does not prod
 NEAR_TOP = 8.0
 SAME = 1e-9  # Values that differ by less than this fraction of the range differ only by round-off.
 MORE_OFTEN = 2.0  # smallest ratio of the samples at both extremes to those at any other two levels
-# smallest number of samples at the two extremes after subtraction of the samples near each extreme
-# and of one more
+# smallest excess of samples at the two extremes: at each extreme, the number of samples minus one
+# and minus the number of samples near this extreme
 PILED = 3
 # number of samples used to count levels, because sorting a very long record is slow
 LEVELS_FROM = 2**20

@@ -41,7 +41,7 @@ def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
 def drive_course(signal: SweepSignal) -> tuple[Reals, float]:
     """Return a drive's smoothed amplitude relative to its median, and the rms deviation from it."""
     size = np.abs(signal.u)
-    # Of few values, a quarter.
+    # The width is at most a quarter of the number of values.
     width = max(min(max(int(SMOOTHED * len(size)), 5), len(size) // 4), 1)
     smooth = uniform_filter1d(size, width, mode="nearest")
     inner = slice(width, -width) if len(size) > 2 * width else slice(None)

@@ -33,12 +33,14 @@ from jbw.report.messages.message import FaultText
 LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # limits of condition 1
 # condition 2: largest fraction of the residual sum of squares that remains with a cause
 EXPLAINS = 0.6
-# If a cause leaves less than this fraction of the residual sum of squares, no other is tried.
+# If a cause reduces the residual sum of squares below this fraction, no other cause is tried.
 ENOUGH = 0.01
 ODDS = 25.0  # limit of condition 3
-NEARLY = 20.0  # Two causes count as equally likely if 2 ln of their likelihoods differs by less.
-# An unexplained residual is reported from this weighted rms and this fraction of the response on.
-# Of 432 sound records, those above 1.3 leave at most 2 % of the response, the others at most 17 %.
+# Two causes count as equally likely if 2 ln of their likelihood ratio is below this value.
+NEARLY = 20.0
+# An unexplained residual is reported above this weighted rms and this fraction of the response. Of
+# 432 sound records, those with an rms above 1.3 have residuals of at most 2 % of the response, and
+# the others of at most 17 %.
 UNEXPLAINED, UNEXPLAINED_SHARE = 1.7, 0.08
 # powers of the amplitude in the mode that is fitted together with a fault
 BASES_TRIED = ("linear", "power")
@@ -54,7 +56,7 @@ class Hypothesis:
     name: ClassVar[str]  # the name of the fault in a table
 
     def seen(self, fits: Fits, facts: "Facts") -> Iterator[Fault]:
-        """Yield the fault if a fit of the mode alone already shows it in the record."""
+        """Yield the fault if a fit of only the mode already shows the fault in the record."""
         yield from ()
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
@@ -74,7 +76,7 @@ class Hypothesis:
         return False
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield the residual of a force loop that is fitted by sliders together with this fault."""
+        """Yield the residual of a force loop after a fit of sliders together with this fault."""
         yield from ()
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:

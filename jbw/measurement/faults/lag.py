@@ -31,13 +31,13 @@ OTHER_SIGN = 0.45  # lag, in periods, above which the cause is a wrong sign of t
 # Smallest lags, in periods, that are reported; a drift of the lag is the change over the whole
 # record.
 LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05
-LEAST_LOST = 1.6  # samples
-# tried times of a jump, as fractions of the record's accumulated amplitude
+LEAST_LOST = 1.6  # smallest reported number of lost samples
+# candidate times of a jump, as fractions of the record's accumulated amplitude
 PLACES = np.linspace(0.03, 0.97, 16)
 SCANNED = 12  # number of times that are scanned between two of the tried times
 # Below this fraction of the largest motion, the lag is determined without an effect of the joint.
 QUIET = 0.4
-# smallest number of values at such small motion, and the weight of all other values
+# smallest number of values below this motion, and the weight of all other values
 FEWEST, FAINT = 24, 1e-6
 OF_CYCLE = 0.125  # largest lag that is tried for a loop, as a fraction of a cycle
 # largest relative difference between the lags at small motion and in the whole record; a true lag
@@ -77,7 +77,7 @@ class Delay(_Lag):
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether a lag is above 1 % of a period, no sign error, and present early on."""
+        """Return whether a lag exceeds 1 % of a period, is no wrong sign, and exists early."""
         if not LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN:
             return False
         signal = fits.signal
@@ -167,7 +167,7 @@ class LostBlock(_Lag):
         times = np.interp(PLACES, share / share[-1], signal.time)
 
         def fitted(at: float, step: float) -> tuple[float, float, float]:
-            """Return residual sum of squares, time and fitted size of a jump at a given time."""
+            """Fit the size of a jump at a time; return sum of squares, this time, and the size."""
             found = joint_fit(fits, "linear", SweepCause(np.array([step]), _stepped(float(at))))
             return (found.squares, at, float(found.theta[count])) if found else (np.inf, at, step)
 
@@ -175,8 +175,8 @@ class LostBlock(_Lag):
         inner = int(np.searchsorted(times, at))
         ends = signal.time[0], *times[max(inner - 1, 0) : inner + 2], signal.time[-1]
         low, high = max(x for x in ends if x < at), min(x for x in ends if x > at)
-        # The fit finds the time only if it begins within the filter's length; the scan gets close
-        # enough.
+        # The fit finds the time of the jump only if it starts within the filter's length of that
+        # time; the scan gives such a starting value.
         found: Any = minimize_scalar(
             lambda x: fitted(x, step)[0], bounds=(low, high), options={"maxiter": SCANNED}
         )

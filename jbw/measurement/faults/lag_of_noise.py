@@ -73,7 +73,7 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
 def _away(
     omega: Reals, receptance: Complex[np.ndarray, " line"]
 ) -> tuple[Int[np.ndarray, " kept"], Reals, Reals] | None:
-    """Return lines off the resonance, with their phase and its slope with damping; or None."""
+    """Return lines off the resonance, their phases and the phases' slopes over damping; or None."""
     natural = float(omega[np.argmax(np.abs(omega * receptance))])
     r = omega / natural
     lines_away = np.flatnonzero(np.abs(1 - r**2) > AWAY)

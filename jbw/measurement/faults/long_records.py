@@ -13,7 +13,7 @@ from jbw.report.messages import reading as messages
 LONG = 60_000  # number of samples from which a fit takes minutes
 DRIFTS = 8  # smallest number of cycles in a record; a motion with fewer cycles is a drift
 STILL = 0.005  # Below this fraction of the largest response a structure counts as at rest.
-SPARED = 0.1  # smallest saved fraction of the samples for which a proposal is made
+SPARED = 0.1  # A proposal must save at least this fraction of the samples.
 PER_CYCLE = 64  # sufficient number of samples per cycle of the strongest frequency
 
 

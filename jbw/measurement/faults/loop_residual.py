@@ -31,7 +31,7 @@ class LoopResidual(NamedTuple):
     every: int
 
     def with_zero(self) -> "LoopResidual":
-        """Return a copy whose columns for a faultless loop include the load cell's zero."""
+        """Return a copy in which the fit without faults also includes the load cell's zero."""
         basis = LoopBasis(self.basis.losses, np.column_stack([self.basis.springs, self.zero]))
         return self._replace(basis=basis, zero=self.zero[:, :0])
 

@@ -105,7 +105,7 @@ def _stiffens(stroke: Reals) -> bool:
 def loop_causes(
     record: Record, delay: float, load_cell: str = "exact", laws: Sequence[str] = ()
 ) -> Iterator[Fault]:
-    """Yield a wrong zero of the load cell, and the one cause of a loop's remaining residual.
+    """Yield a wrong zero of the load cell, and the likeliest cause of a loop's remaining residual.
 
     Args:
         record: A record of kind `loop`.
@@ -147,11 +147,12 @@ def _named(
 
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
-    """Return the columns of stated effects, and the columns of a zero error that was not stated."""
+    """Return the columns of stated effects, and those of zero errors that are not stated."""
     y, basis = loop.displacement, basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
     if not begins_unmoved(y):
-        known = max(known, 1)  # Sliders that are fully stuck there contribute a constant.
+        # A loop that begins after a motion has a constant force of the stuck sliders.
+        known = max(known, 1)
     springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)
     if set(laws) & set(WEARING):
         springs = np.column_stack([springs, *(path_of(loop) * loop.force)])

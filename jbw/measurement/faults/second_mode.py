@@ -64,7 +64,7 @@ class SecondMode(Hypothesis):
             rate = fits.signal.rate
             second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
             passed = low < abs(values[0]) < high and rate.min() < second < rate.max()
-            # A mode as near as this would be the first mode itself, with a lag.
+            # A mode nearer than `NEAREST` would be the first mode itself, with a lag.
             return bool(passed and abs(float(values[1])) > NEAREST)
         # If the modes are closer than the sum of their damping rates, one decays before they beat.
         beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))
@@ -79,7 +79,7 @@ class SecondMode(Hypothesis):
         first = _first_hz(fits)
         away = values[2] if isinstance(fits, DecayFits) else values[1]
         second = first + float(away) * _rate(fits) / (2 * np.pi)
-        band = _beside(first, second, facts.band_hz)
+        band = beside(first, second, facts.band_hz)
         driven = not isinstance(fits, DecayFits)
         narrower = band if driven or _keeps_mode(band, facts) else None
         return messages.second_mode(first, second, narrower, driven=driven)
@@ -98,7 +98,7 @@ def modes_at(misfit: Misfit, places: Iterable[float]) -> Iterator[Suspect]:
     first, driven = misfit.theta["omega_n"] / (2 * np.pi), _driven(misfit) / (2 * np.pi)
     for omega in map(float, places):
         second = omega / (2 * np.pi)
-        band = _beside(first, second, (driven.min(), driven.max())) if len(driven) else None
+        band = beside(first, second, (driven.min(), driven.max())) if len(driven) else None
         text = messages.second_mode(first, second, band, driven=True)
         yield from (_near_fit(misfit, omega, zeta, text) for zeta in TRIED_DAMPINGS)
 
@@ -118,7 +118,7 @@ def _near_fit(misfit: Misfit, omega: float, zeta: float, text: FaultText) -> Sus
     return Suspect(columns, lambda _: text, mode=(omega, zeta))
 
 
-def _beside(first: float, second: float, band: tuple[float, float]) -> tuple[float, float]:
+def beside(first: float, second: float, band: tuple[float, float]) -> tuple[float, float]:
     """Return a band [Hz] about the first mode that ends midway between both modes."""
     middle = 0.5 * (first + second)
     low, high = (band[0], middle) if second > first else (middle, band[1])

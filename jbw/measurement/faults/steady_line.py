@@ -44,7 +44,7 @@ class UndecayingLine(Hypothesis):
             return False
         if isinstance(fits, SweepFits):
             return remainder(fits).line > STANDS_OUT
-        return self.share(values) > LEAST
+        return self.share(values, fits) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
         """Return the text on a steady line: its frequency and size."""
@@ -54,16 +54,25 @@ class UndecayingLine(Hypothesis):
         digits = max(4, 1 + int(np.ceil(np.log10(periods))))
         named = f"{hz:.{digits}g}"
         if isinstance(fits, SweepFits):
-            return messages.line_in_sweep(named)
-        return messages.steady_line(named, self.share(values))
+            return messages.line_beside_drive(named)
+        return messages.steady_line(named, self.share(values, fits))
 
     def spoils(self, values: Reals, fits: Fits) -> bool:
         """Return whether the line exceeds 1 % of a decay."""
-        return isinstance(fits, DecayFits) and self.share(values) > SPOILS
+        return isinstance(fits, DecayFits) and self.share(values, fits) > SPOILS
 
-    def share(self, values: Reals) -> float:
-        """Return the line's amplitude in the band, relative to the initial amplitude."""
-        return float(np.hypot(values[0], values[1]))
+    def share(self, values: Reals, fits: DecayFits) -> float:
+        """Return the line's amplitude, relative to the initial amplitude in the band.
+
+        A line in the band counts with its amplitude before the band's filter, another line with
+        what the filter leaves of it.
+        """
+        signal, turn = fits.signal, self.turn(values, fits)
+        size = float(np.hypot(values[0], values[1]))
+        if abs(turn) > 2 * np.pi * signal.half_width_hz:
+            return size
+        mode = float(fits.fits["linear"].theta[3]) * fits.scale
+        return size * signal.passed(mode) / signal.passed(turn)
 
     def turn(self, values: Reals, fits: Fits) -> float:
         """Return the line's angular frequency relative to the centre of the band [rad/s]."""

@@ -48,7 +48,7 @@ class UnlikeGain(Hypothesis):
     name = "sign or gain"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield the test whose separate gain differs from the others', or a factor for each.
+        """Yield the test whose gain differs from the others; if none, a factor for each test.
 
         A step from a fit that is far from all tests is unreliable.
         """
@@ -169,7 +169,7 @@ class OwnFrequencies(Hypothesis):
     name = "natural frequency of tests"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield columns that state how separate frequencies and damping change the data."""
+        """Yield the change of the data if each test has a separate frequency and damping."""
         slopes, count = misfit.slopes, len(misfit.slopes)
         if len(misfit.spectra) < 2 or not slopes:
             return

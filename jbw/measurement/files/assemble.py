@@ -160,7 +160,8 @@ def _channel(
     if is_voltage(unit) and role in SENSITIVITIES:
         line = toml_table({**request.sensitivity, role: SENSITIVITIES[role]})
         raise ConfigError(
-            f"role `{role}` is in `{unit}` by the file.", remedy=messages.of_sensor(line)
+            f"role `{role}` has the unit `{unit}` in the file, which is the voltage of a sensor.",
+            remedy=messages.of_sensor(line),
         )
     factor, si, source = si_of(role, unit)
     factor *= _calibration(role, contents.reader, request) / _volts_per_unit(
@@ -240,8 +241,8 @@ def _of_one_length(channels: Mapping[str, Repeats]) -> dict[str, Repeats]:
 def _of_amplitudes(row: Reals, role: str, is_curve: bool) -> Reals:
     if not is_curve or np.iscomplexobj(row):
         raise DataError(
-            f"role `{role}` is in decibels, which only the real amplitudes of a measured FRF are.",
-            remedy="Export its linear values.",
+            f"role `{role}` is in decibels, but only the real amplitudes of a measured FRF may be.",
+            remedy="Export the linear values of the channel.",
         )
     return row
 
@@ -254,10 +255,10 @@ def _require_one_motion(units: Mapping[str, str]) -> None:
     if turning & set(CENTRED) and straight:
         angular, linear = sorted(turning & set(CENTRED))[0], sorted(straight)[0]
         raise ConfigError(
-            f"role `{angular}` is in `{units[angular]}`, of torsion, but `{linear}` is in "
-            f"`{units[linear]}`.",
-            why="Torsion has angles and torques alone: metres, newtons and kilograms stand there "
-            "for radians, newton metres and kg m^2.",
+            f"role `{angular}` is in `{units[angular]}`, a unit of torsion, but role `{linear}` is "
+            f"in `{units[linear]}`.",
+            why="A torsional test has only angles and torques; metres, newtons and kilograms in "
+            "its results stand for radians, newton metres and kg m^2.",
             remedy="Correct the units, or name channels of one motion.",
         )
 
@@ -330,7 +331,8 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
             line = toml_table({**request.sensitivity, role: example})
             remedy = messages.of_sensor(line, is_scaled=role in request.scale)
         raise DataError(
-            f"role `{role}` is in `{stated_unit}` by the campaign but in `{stated}` by the file.",
+            f"role `{role}` has the unit `{stated_unit}` in the campaign but `{stated}` in the "
+            "file.",
             remedy=remedy,
         )
     return stated_unit or stated, ""
@@ -344,7 +346,7 @@ def _volts_per_unit(role: str, item: Leaf, request: Wanted) -> float:
         raise ConfigError(
             f"`sensitivity` of role `{role}` is for a channel in volts, but the file states "
             f"`{item.unit}`.",
-            remedy="Leave it out; the file's own unit counts.",
+            remedy=f"Leave out the sensitivity of role `{role}`; the unit in the file is used.",
         )
     volts = sensitivity_of(role, request.sensitivity[role])[0]
     return volts / factor_of(item.unit or "V", "voltage")
@@ -355,7 +357,7 @@ def _calibration(role: str, reader: str, request: Wanted) -> float:
         raise ConfigError(
             f"role `{role}` needs a calibration, since WAV keeps no scale.",
             remedy=f"Put under [[test]]: `scale = {toml_table(request.scale, **{role: 'VALUE'})}`, "
-            "where VALUE is that of full scale in the channel's unit.",
+            "where VALUE is the full-scale value in the channel's unit.",
         )
     scale = float(request.scale.get(role, 1.0))
     if not np.isfinite(scale) or scale == 0:
@@ -372,8 +374,9 @@ def _sources(contents: Contents, request: Wanted) -> dict[str, list[Leaf]]:
         if not channels:
             raise ConfigError(
                 f"no channel is named like a role ({', '.join(ROLES)}).",
-                remedy="Say which is which, as channels={'velocity': 'laser'}, from: "
-                f"{', '.join(channel_names[:20])}.",
+                remedy="State the channel of each role, for example "
+                "channels={'velocity': 'laser'}. "
+                f"Found: {', '.join(channel_names[:20])}.",
             )
     sources = {}
     for role, where in channels.items():
@@ -395,7 +398,7 @@ def joined(parts: Sequence[Sequence[Record]]) -> tuple[Record, ...]:
             raise DataError(
                 f"Channels of one record must have one sampling frequency, but {heads[0].name} has "
                 f"{heads[0].fs:.7g} Hz and {head.name} has {head.fs:.7g} Hz.",
-                remedy="Resample them to one rate where they were measured.",
+                remedy="Resample the channels to one rate in the program that recorded them.",
             )
     return tuple(_merged(records) for records in zip(*parts, strict=True))
 

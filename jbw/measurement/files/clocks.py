@@ -85,7 +85,7 @@ def sampling_frequency(
         raise DataError(
             f"Time channel `{name}` has too few digits to tell its samples apart, which are "
             f"{1 / fs:.3g} s from one to the next.",
-            why="A lost sample cannot be seen in such times.",
+            why="In times with too few digits, a lost sample cannot be detected.",
             remedy=messages.coarse_times(fs),
         )
     _require_steps(seconds, name, begins)
@@ -93,7 +93,7 @@ def sampling_frequency(
     bit = 4 * np.spacing(np.abs(seconds).max())
     exact = np.full(len(seconds), bit)
     if _line_within(seconds, exact + ROUND / mean_rate, 1 / mean_rate, slopes=1):
-        # No digits were lost: 0.033 s is not a rounded 1 / 30.3 s.
+        # The printed times are exact, so an interval of 0.033 s is not a rounded 1 / 30.3 s.
         distances = [exact]
     else:
         distances = [np.where(q * mean_rate > COARSEST, 0.0, q / 2) + bit for q in every_quanta]
@@ -116,8 +116,8 @@ def sampling_frequency(
         f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
         f"{mean_rate:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
         why=messages.EVEN,
-        remedy="A sampling frequency beside it would be wrong: put under [[test]] "
-        f"`resample = {proposed_rate(seconds):.9g}`, which says the error that it makes.",
+        remedy="A sampling frequency `fs` would be wrong for these times: put under [[test]] "
+        f"`resample = {proposed_rate(seconds):.9g}`; jbw then states the error of the resampling.",
     )
 
 
@@ -247,8 +247,8 @@ def _are_whole(values: Reals, quanta: Reals, error: float) -> bool:
         steps = np.divide(x, q, out=np.zeros(len(x)), where=q > 0)
         room = 1e-6 + np.divide(error, q, out=np.zeros(len(x)), where=q > 0)
         nearest = np.round(steps)
-        # Times that are all close to zero, compared with a resolution, do not count as its
-        # multiples.
+        # Times that are all much smaller than a resolution do not count as multiples of that
+        # resolution.
         if np.any(np.abs(steps - nearest) > np.minimum(room, 1e-3)) or not nearest.any():
             return False
     return True

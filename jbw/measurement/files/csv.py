@@ -162,7 +162,7 @@ def table(
 
 
 def _sniffed(lines: Sequence[str], file: str, mark: str) -> tuple[list[str], int, Dialect]:
-    """Return a table's lines without text columns, these columns' number, and the notation."""
+    """Return a table's lines without text columns, the number of text columns, and the notation."""
     try:
         return list(lines), 0, sniff(lines[:LOOKED_AT], file, mark)
     except DataError as error:
@@ -217,14 +217,16 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
     if count < LEAST_LINES:
         shown = " | ".join(line[:60] for line in lines[:3])
         raise DataError(
-            f"File `{file}` does not read as two or more columns of numbers; it begins: {shown!r}.",
-            why="A single column is read where its numbers hold a decimal point and nothing else.",
+            f"File `{file}` does not read as two or more columns of numbers; the file begins: "
+            f"{shown!r}.",
+            why="A single column can be read only if its numbers contain a decimal point and no "
+            "other mark.",
             remedy="Export columns with a tab or a semicolon between, and a decimal point.",
         )
     if _is_ambiguous(lines, dialect):
         raise DataError(
-            f"File `{file}` may hold two columns of integers or one with a decimal comma; "
-            f"it begins: {lines[dialect.first][:60]!r}.",
+            f"File `{file}` may hold two columns of integers, or one column with a decimal comma; "
+            f"the file begins: {lines[dialect.first][:60]!r}.",
             remedy="Add a header line with the names of the columns, or use semicolons.",
         )
     return dialect
@@ -320,7 +322,7 @@ def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
         raise DataError(
             f"File `{path}` cannot be read by the csv reader: line {broken + 1} breaks the table "
             f"of {dialect.columns} columns: {header[broken][:60]!r}.",
-            why="The lines before it hold numbers, and would be lost.",
+            why=f"The lines before line {broken + 1} contain numbers, and would be lost.",
             remedy="Copy or export the file again, or correct the line.",
         )
 
@@ -338,10 +340,11 @@ def _is_cut(body: Sequence[str], dialect: Dialect, path: Path) -> bool:
     fewer = [digits < min(column) for digits, column in zip(last, columns, strict=True)]
     if any(fewer) and all(min(column) == max(column) for column in columns[1:]):
         raise DataError(
-            f"File `{path}` ({path.stat().st_size} bytes) ends in the middle of a line for the csv "
-            f"reader: {body[-1][:60]!r} has no end and fewer digits than every other line.",
-            why="The last number may lack digits.",
-            remedy="Copy the file again; if it is whole, end its last line.",
+            f"File `{path}` ({path.stat().st_size} bytes) cannot be read by the csv reader: the "
+            f"last line, {body[-1][:60]!r}, has no line end and fewer digits than every other "
+            "line.",
+            why="The file may be cut off within the last number.",
+            remedy="Copy the file again; if the file is complete, add a line end to the last line.",
         )
     return any(fewer)
 
@@ -545,7 +548,7 @@ def _on_own_clocks(
         time = columns[clock]
         size = _filled(time)
         if _filled(columns[i]) > size:
-            raise ValueError(f"column {i + 1} is longer than its times, column {clock + 1}")
+            raise ValueError(f"column {i + 1} has more values than column {clock + 1}, its times")
         plain_leaf = replace(leaf(columns[i][:size]), unit=plain_leaf.unit, label=plain_leaf.label)
         timed = plain_leaf if i == clock else on_clock(plain_leaf, time[:size], units[clock])
         leaves.append(timed)

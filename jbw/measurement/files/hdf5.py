@@ -1,4 +1,4 @@
-"""Reading of HDF5 files, lazily and without leaving the file, and writing with checksums."""
+"""Lazy reading of HDF5 files, which follows no links to other files; writing with checksums."""
 
 import mmap
 import os
@@ -36,7 +36,7 @@ def contents(path: Path) -> Iterator[Contents]:
     if is_classic:
         raise DataError(
             f"File `{path.name}` is NetCDF 3, which is not HDF5.",
-            remedy=f"Convert it: nccopy -k netCDF-4 {path.name} {path.stem}_4.nc",
+            remedy=f"Convert the file: nccopy -k netCDF-4 {path.name} {path.stem}_4.nc",
         )
     require_sound_heaps(path)
     with h5py.File(path, "r") as file:
@@ -123,7 +123,7 @@ def inside(dataset: h5py.Dataset) -> h5py.Dataset:
     if not is_complete:
         raise DataError(
             f"`{dataset.name}` declares the shape {dataset.shape}, but was stored with another.",
-            why="A damaged header reads like this, and would cut samples off.",
+            why="The header may be damaged; if the file were read, samples would be lost.",
             remedy="Copy the file again, or export it again.",
         )
     return dataset
@@ -209,7 +209,7 @@ def _behind(group: h5py.Group, name: str, target: str) -> Node:
 
 def _outside(name: str) -> DataError:
     return DataError(
-        f"`{name.replace('//', '/')}` links out of the HDF5 file, or to a link.",
+        f"`{name.replace('//', '/')}` is a link out of the HDF5 file, or a link to a link.",
         why="Following links could read other files than the one that is named and hashed.",
         remedy="Copy the data into the file, for example with h5repack or h5copy.",
     )
@@ -225,7 +225,7 @@ def require_sound_heaps(path: Path) -> None:
             at = data.find(HEAP, begin, end)
             while at >= 0:
                 if not _is_sound(data, at):
-                    raise ValueError(f"its heap at byte {at} is broken")
+                    raise ValueError(f"the heap at byte {at} is damaged")
                 at = data.find(HEAP, at + 1, end)
 
 
@@ -234,7 +234,7 @@ def _is_sound(data: mmap.mmap, start: int) -> bool:
     head = data[start + len(HEAP) : start + HEAD]
     total = int.from_bytes(head, "little")
     if len(head) < HEAD - len(HEAP) or not LEAST_HEAP <= total <= len(data) - start:
-        # These bytes are samples and no heap, or the library itself rejects their size.
+        # These bytes are samples and not a heap, or a heap whose size the HDF5 library rejects.
         return True
     at = HEAD
     while at + HEAD <= total:

@@ -82,7 +82,7 @@ def _node73(group: h5py.Group, name: str) -> Node:
     if not isinstance(link, h5py.HardLink):
         raise DataError(
             f"`{group.name}/{name}` is a link, which MATLAB does not write.",
-            remedy="Copy the data into the file.",
+            remedy="Copy the data to which the link points into the file.",
         )
     return _item73(group[name])
 
@@ -124,7 +124,7 @@ def _item73(item: Any) -> Node:
 
 
 def _text73(item: Any) -> str:
-    """Decode a one-row char array, which is stored as codes; return an empty text if it is none."""
+    """Decode a one-row char array, stored as codes; return an empty text for other arrays."""
     if not np.issubdtype(item.dtype, np.integer) or item.size > LONGEST_TEXT:
         return ""
     if hdf5.attribute(item.attrs, "MATLAB_empty"):

@@ -49,7 +49,7 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
     """Yield each variable's unpacked size in bytes and its check, for a v5 file."""
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[HEADER - 2 : HEADER]))
     if order is None:
-        raise ValueError("its header has no mark of the byte order")
+        raise ValueError("the header of the file does not state the byte order")
     file = Elements(data[HEADER:], order)
     while len(file.data) >= 8:
         code, size = file.integers("II")
@@ -60,7 +60,7 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
             head = zlib.decompressobj().decompress(content[:256], 8)
             code, size = Elements(memoryview(head), order).integers("II")
             if code != MATRIX:
-                raise ValueError(f"a packed variable has the data type {code}")
+                raise ValueError(f"a compressed variable has the data type {code}")
             yield size, partial(_packed, content, order, size)
         else:
             yield size, partial(_matrix, content, order)
@@ -78,7 +78,7 @@ def _variables_4(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
         code, rows, columns, is_complex, name = file.integers("5i")
         width = WIDTHS_4.get(code // 10 % 10, 0)
         if not width or min(rows, columns, name) < 0:
-            raise ValueError(f"a variable of {rows} x {columns} values is not there")
+            raise ValueError(f"the header of a variable ({rows} x {columns} values) is damaged")
         size = rows * columns * width * (1 + (is_complex == 1))
         file.take(name + size)
         yield size, lambda: None
@@ -89,7 +89,7 @@ def _packed(content: memoryview, order: str, size: int) -> None:
     unpack = zlib.decompressobj()
     unpacked = memoryview(unpack.decompress(content, 8 + size + SLACK))
     if not unpack.eof:  # The checksum is at the end.
-        raise ValueError("a packed variable has no end, or holds more than it declares")
+        raise ValueError("a compressed variable is cut off, or larger than its declared size")
     _matrix(Elements(unpacked[8:], order).take(size), order)
 
 
@@ -102,7 +102,7 @@ class Elements:
     def take(self, count: int) -> memoryview:
         """Return the next `count` bytes of a MATLAB file; raise a ValueError if fewer remain."""
         if count > len(self.data):
-            raise ValueError(f"{count} bytes are declared, where {len(self.data)} are left")
+            raise ValueError(f"{count} bytes are declared, but only {len(self.data)} are left")
         head, self.data = self.data[:count], self.data[count:]
         return head
 
@@ -128,7 +128,9 @@ class Elements:
         """Return the next element's content; raise an error if it is long or of another type."""
         code, content = self.element()
         if code not in codes or len(content) > LONGEST_NAME:
-            raise ValueError(f"its {what} have data type {code} and {len(content)} bytes")
+            raise ValueError(
+                f"the {what} of a variable have data type {code} and {len(content)} bytes"
+            )
         return content
 
     def whole_numbers(self, what: str, codes: tuple[int, ...]) -> tuple[int, ...]:
@@ -151,7 +153,9 @@ class Elements:
     def matrices(self, count: int) -> None:
         """Validate the next `count` matrices of a MATLAB file."""
         if 8 * count > len(self.data):
-            raise ValueError(f"{count} items are declared, where {len(self.data)} bytes are left")
+            raise ValueError(
+                f"{count} items are declared, but only {len(self.data)} bytes are left"
+            )
         for _ in range(count):
             code, content = self.element()
             if code != MATRIX:
@@ -168,7 +172,7 @@ def _matrix(content: memoryview, order: str) -> None:
     if len(flags) != 2:
         raise ValueError("a variable has no flags")
     of_class, is_complex = flags[0] & 0xFF, flags[0] >> 11 & 1
-    # Such an object has no shape; its name, its system and its class follow.
+    # An opaque object of a MATLAB class has no shape; its name, its system and its class follow.
     if of_class == OPAQUE:
         for _ in range(3):
             walk.short("names", NAMES)

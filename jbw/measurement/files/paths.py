@@ -63,7 +63,9 @@ def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[L
         indices = [*indices, *more]
     if isinstance(node, Leaf):
         if rest:
-            raise DataError(f"goes on after an array of shape {node.array.shape}.")
+            raise DataError(
+                f"continues after an array of shape {node.array.shape}: end the path there."
+            )
         return _pick(node, indices)
     if indices:
         return _item(node, indices, rest)
@@ -89,7 +91,7 @@ def _indices(rest: str) -> tuple[list[int | None], str]:
         raise DataError(
             f"has indices `{rest}` that cannot be read.",
             remedy="Write [3] for an item, counted from zero, or (4), counted from one as in "
-            "MATLAB; [:] is all of them.",
+            "MATLAB; [:] selects all items.",
         )
     first = 0 if rest[0] == "[" else 1
     numbers = [None if text == ":" else int(text) for text in re.findall(r":|-?\d+", inside)]
@@ -128,7 +130,7 @@ def _require_within(step: int, length: int, but_words: str) -> None:
 def _pick(node: Leaf, steps: Sequence[int | None]) -> Leaf:
     """Apply indices, in the given order, to the axes of an array that have no index yet."""
     if len(steps) > len(node.axes):
-        raise DataError(f"goes on after an array of shape {node.array.shape}.")
+        raise DataError(f"has too many indices for an array of shape {node.array.shape}.")
     fixed = {}
     for axis, step in zip(node.axes, steps, strict=False):
         if step is not None:

@@ -89,8 +89,8 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
             raise DataError(
                 f"sampling frequencies must agree, but {source} is {fs:.7g} Hz "
                 f"and {other} is {value:.7g} Hz.",
-                remedy="Name channels of one rate, or put under [[test]] the rate to resample them "
-                f"to: `resample = {min(rates.values()):.9g}`.",
+                remedy="Name channels of one rate, or put under [[test]] a rate to which all "
+                f"channels are resampled: `resample = {min(rates.values()):.9g}`.",
             )
     if "time" not in sources:
         _agree_with_unused_time(contents, sources, request, fs)
@@ -114,7 +114,7 @@ def on_even_grid(
             lost = int(np.flatnonzero(~np.isfinite(row))[0])
             raise DataError(
                 f"samples that are resampled must be finite, but sample {lost} is not.",
-                remedy="Export the record again, or leave it out with `exclude`.",
+                remedy="Export the record again, or leave the record out with `exclude`.",
             )
         if time is None:
             y, how = at_rate(row, channel_fs, fs)
@@ -159,7 +159,7 @@ def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> Data
         remedy = messages.times_or_rate(_with_time(times[0], request))
     return DataError(
         "the sampling frequency is missing.",
-        why="Nothing in the file gives it, and it cannot be guessed.",
+        why="The file does not state the sampling frequency, and it cannot be guessed.",
         remedy=remedy,
     )
 
@@ -186,8 +186,8 @@ def _agree_with_unused_time(
         # A clock in another unit, or a sample counter, differs by a power of ten and is ignored.
         if 0.5 < np.median(steps) < 2.0 and off.max() > ADRIFT:
             raise DataError(
-                f"the file's `{name}` speaks against {fs:g} Hz: by it sample {int(off.argmax())} "
-                f"is {off.max():.3g} intervals off.",
+                f"the times in `{name}` of the file contradict {fs:g} Hz: sample "
+                f"{int(off.argmax())} is {off.max():.3g} intervals away from its expected time.",
                 why="The rate is wrong, or samples are not even.",
                 remedy=f"{PUT} `channels = {_with_time(name, request)}`, and take `fs` out.",
             )
@@ -199,7 +199,7 @@ def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, L
     for name, item in names(contents.root):
         is_time = isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())
         if isinstance(item, Leaf) and is_time and len(item.shape) == 1 and item.shape[0] in lengths:
-            if item.unit or time_unit(load(item))[0]:  # other columns count samples
+            if item.unit or time_unit(load(item))[0]:  # A column without a unit counts samples.
                 yield name, item
 
 
@@ -250,8 +250,8 @@ def _seconds_in(item: Leaf, printed: NDArray[np.number], request: Wanted) -> flo
     unit = request.units.get("time", "")
     if unit and item.unit and plain(unit) != plain(item.unit) and request.units_are != "mine":
         raise DataError(
-            f"role `time` is in `{unit}` by the campaign but in `{item.unit}` by the file.",
-            why="The sampling frequency hangs on it.",
+            f"role `time` has the unit `{unit}` in the campaign but `{item.unit}` in the file.",
+            why="The sampling frequency depends on the unit of the times.",
             remedy=messages.MINE,
         )
     if not (unit or item.unit) and request.is_timed and are_whole_numbers(printed):
@@ -287,12 +287,13 @@ def rows_of(
     if loaded.ndim > (2 if request.repeats == "rows" else 1):
         raise DataError(
             f"channel `{where}` must be one series, but has shape {loaded.shape}.",
-            remedy=f"Take one with `{where}[0]` or `{where}[:, 0]`, or set repeats = 'rows'.",
+            remedy=f"Take one series with `{where}[0]` or `{where}[:, 0]`, or set repeats = "
+            "'rows'.",
         )
     if np.iscomplexobj(loaded) and not curve:
         raise DataError(
             f"channel `{where}` is complex.",
             why="A time record is real; only the response of a measured FRF may be complex.",
-            remedy="Name the real channel, or its `frequency` when it is a measured FRF.",
+            remedy="Name the real channel or, for a measured FRF, also the channel `frequency`.",
         )
     return list(np.atleast_2d(loaded))

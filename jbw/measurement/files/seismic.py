@@ -23,7 +23,7 @@ def contents(path: Path) -> Iterator[Contents]:
             f"File `{path.name}` holds trace {pieces[0]} in {names.count(pieces[0])} pieces, with "
             "gaps between them.",
             why="Spectra and sampled inputs need evenly spaced samples.",
-            remedy="Write each piece into a file of its own.",
+            remedy="Write each piece of the trace into a separate file.",
         )
     first = min(trace.stats.starttime for trace in traces)
     series: dict[str, Leaf] = {

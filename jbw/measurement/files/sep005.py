@@ -95,7 +95,7 @@ def _leaf(signal: Mapping[str, Any], i: int) -> Leaf:
     if missing:
         raise DataError(
             f"SEP-005 series [{i}] has no `{missing[0]}`.",
-            remedy=f"Each needs {', '.join(NEEDED)}, and fs or time.",
+            remedy=f"Each series needs {', '.join(NEEDED)}, and fs or time.",
         )
     name, data, time = signal["name"], np.asarray(signal["data"]), signal.get("time")
     if data.ndim != 1 or not np.issubdtype(data.dtype, np.number):

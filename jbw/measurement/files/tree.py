@@ -67,8 +67,8 @@ class Opaque:
     """An item of a file that is no array of numbers."""
 
     kind: str  # description, for messages
-    remedy: str = ""  # how to export it as numbers
-    text: str = ""  # its content if it is text, with one line per text
+    remedy: str = ""  # how to export the item as numbers
+    text: str = ""  # content of an item that is text, with one line per text
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Contents:
     """The content of an open file."""
 
     root: "Node"  # tree of the file
-    reader: str  # name of the reader that opened it
+    reader: str  # name of the reader that opened the file
     fs: float | None = None  # sampling frequency of the whole file [Hz], if stated
     # decisions of the reader, for the provenance
     notes: Mapping[str, str] = field(default_factory=dict)
@@ -175,5 +175,5 @@ def optional(package: str, extra: str, path: Path) -> Any:
     except ImportError:
         raise DataError(
             f"File `{path.name}` needs the package {package} to be read.",
-            remedy=f"Install it: pip install jbw[{extra}]",
+            remedy=f"Install the package: pip install jbw[{extra}]",
         ) from None

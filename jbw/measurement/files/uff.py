@@ -39,9 +39,9 @@ def contents(path: Path) -> Iterator[Contents]:
     if declared and 58 not in declared:
         others = ", ".join(map(str, sorted(set(declared))))
         raise DataError(
-            f"File `{path}` holds no set of type 58, which records and FRFs are, but sets of type "
+            f"File `{path}` contains no data set of type 58 (time records, FRFs), but only of type "
             f"{others}.",
-            remedy="Export the functions, time records or FRFs, as UFF 58.",
+            remedy="Export the time records or FRFs as UFF 58.",
         )
     library = optional("pyuff", "uff", path).UFF(str(path))
     taken = [i for i, number in enumerate(library.get_set_types()) if int(number) in TAKEN]
@@ -52,7 +52,7 @@ def contents(path: Path) -> Iterator[Contents]:
         raise DataError(
             f"File `{path}` declares {declared.count(58)} sets of type 58, but {len(sets)} can be "
             "read.",
-            remedy="Export it again, as UFF 58 with time records.",
+            remedy="Export the file again, as UFF 58 with time records.",
         )
     system = next((dataset for dataset in every if dataset.get("type") == 164), {})
     nodes = [_node(dataset, f"{path.name}, set[{i}]", system) for i, dataset in enumerate(sets)]
@@ -128,7 +128,7 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
     spacing, fs = _number(dataset, "abscissa_inc"), None
     if spacing > 0:
         fs = 1 / spacing
-    elif len(x) > 1:  # uneven
+    elif len(x) > 1:  # The file states the times instead of their spacing.
         fs, _ = sampling_frequency(x, f"{where}, abscissa")
     start = _number(dataset, "abscissa_min")
     return replace(leaf(data, fs=fs, unit=unit, start_s=start), label=label)
@@ -188,17 +188,18 @@ def write_uff(path: str | Path, record: Record) -> None:
     path = Path(path)
     if np.isnan(record.fs):
         raise DataError(
-            f"{record.name or 'The record'}: UFF is written of time series, but this is a response "
-            "curve.",
-            remedy="Write its columns as CSV.",
+            f"{record.name or 'The record'}: only time series can be written as UFF, but this "
+            "record "
+            "is a response curve.",
+            remedy="Write the columns of the curve as CSV.",
         )
     for role, samples in record.channels.items():
         if not np.all(np.isfinite(samples)):
             raise DataError(
                 f"Channel `{role}` must be finite, but {np.sum(~np.isfinite(samples))} of its "
                 f"{len(samples)} samples are not.",
-                why="UFF would hold zeros in their place.",
-                remedy="Cut the record to what is finite.",
+                why="The UFF file would contain zeros in place of these samples.",
+                remedy="Cut the record to a part in which all samples are finite.",
             )
     if path.suffix.lower() not in (".uff", ".unv"):
         raise ConfigError(
@@ -206,7 +207,9 @@ def write_uff(path: str | Path, record: Record) -> None:
             remedy="jbw.read recognises formats by the ending of the file name.",
         )
     if path.exists():
-        raise ConfigError(f"File `{path}` exists.", remedy="Choose another name, or remove it.")
+        raise ConfigError(
+            f"File `{path}` exists already.", remedy="Choose another name, or remove this file."
+        )
     part = path.with_name(f"{path.stem}.part{path.suffix}")
     try:
         part.write_bytes(b"")  # gives a clearer error than pyuff if the file cannot be created
@@ -248,6 +251,6 @@ def _require_same(path: Path, record: Record) -> None:
                 and np.allclose(load(channel), samples, rtol=1e-10, atol=0.0)
             ):
                 raise DataError(
-                    f"Channel `{role}` of {path} does not read as it was written.",
+                    f"Channel `{role}` was not written correctly: {path} contains other samples.",
                     remedy="Write HDF5 or NumPy instead.",
                 )

@@ -67,7 +67,9 @@ def _frame_of(head: tuple[int, ...]) -> int:
     channels, rate, bytes_a_second, frame, bits = head
     if bytes_a_second != rate * frame or frame != channels * -(-bits // 8):
         raise ValueError(
-            f"the header contradicts itself: {rate} samples a second of {channels} channel(s) of "
-            f"{bits} bits are not {bytes_a_second} bytes a second by {frame}"
+            f"the header contradicts itself: {rate} samples per second of {channels} channel(s) "
+            f"with {bits} bits do not give the stated {bytes_a_second} bytes per second and "
+            f"{frame} bytes "
+            "per sample"
         )
     return frame

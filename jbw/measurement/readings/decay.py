@@ -51,11 +51,9 @@ FADED = 2.4
 QUIETEST = 0.3  # amplitude relative to the noise at which a decay ends
 LOUD = 4.0  # multiple of the noise's amplitude that noise alone exceeds in one of 10^7 values
 FEWEST_KEPT = 24
-# Lines at which the filter's gain exceeds the first number determine the noise; the second number
-# is the fewest such lines.
-LEAST_FALL = 1e-3
-# Lines at which the filter's gain exceeds the first number determine the noise; the second is their
-# smallest number.
+LEAST_FALL = 1e-3  # smallest damping rate of a linear decay during the fit, in the unit of rates
+# Lines at which the filter's gain exceeds the first number determine the noise. The second number
+# is the smallest allowed count of these lines.
 HALF_GAIN, FEWEST_LINES = 0.5, 12
 SAFE = 1.15  # safety factor on noise that is estimated from few lines
 
@@ -137,6 +135,10 @@ class DecaySignal:
         turn = float(np.angle(np.sum(self.z[1:stop] * np.conj(self.z[: stop - 1])))) / self.step_s
         rate = -np.polyfit(self.time[:stop], np.log(size[:stop] + 1e-300), 1)[0]
         return max(float(rate), 1e-3 / self.time[-1]), turn
+
+    def passed(self, turn: float) -> float:
+        """Return the filter's gain for a steady line, at its frequency above the centre [rad/s]."""
+        return float(np.abs(np.exp(_log_response(self, np.array([1j * turn]))[0]))[0])
 
     def until(self, count: int) -> "DecaySignal":
         """Return the decay signal cut to its first `count` values."""
@@ -330,7 +332,7 @@ class _Flow(NamedTuple):
         return rate
 
     def course(self) -> "_Course":
-        """Return the same decay as a function of time."""
+        """Convert this decay from a function of log amplitude to a function of time."""
         through, _ = _log_response(self.signal, self.slope)
         phase = _integral(self.turn / self.sigma, self.step)
         return _Course(
@@ -518,15 +520,24 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         own = min(noise, 0.3 * signal.a0) ** 2 + QUANTUM_NOISE * half_step**2
         return 1 / np.sqrt(own + (LAW_ERROR * size) ** 2)
 
-    # One start has the mean frequency, one the strongest line, since beating modes can mislead
-    # either.
-    turns = turn, strongest_line(signal.z, signal.step_s)[0]
-    begins = ([np.log(signal.size[0]), np.angle(signal.z[0]), 1.0, one / scale] for one in turns)
+    # One start has the mean frequency and damping rate, one those of the first values, one the
+    # strongest line, since beating modes and steady lines can mislead each.
+    begun = signal.until(max(int(np.argmax(signal.size < 0.5 * signal.size[0])), 3) + 1)
+    rate = max(float(np.log(begun.size[0] / begun.size[-1])) / begun.time[-1], scale)
+    initial = float(np.angle(np.vdot(begun.z[:-1], begun.z[1:]))) / signal.step_s
+    starts = (scale, turn), (rate, initial), (scale, strongest_line(signal.z, signal.step_s)[0])
+    level, phase = np.log(signal.size[0]), np.angle(signal.z[0])
+    begins = [[level, phase, *(np.array(start) / scale)] for start in starts]
+
     weight = weight_at(signal.size)
-    linear = min(
-        (fit_decay(signal, "linear", np.array(begin), scale, weight) for begin in begins),
-        key=lambda fit: fit.squares,
-    )
+    tried = [fit_decay(signal, "linear", np.array(begin), scale, weight) for begin in begins]
+    linear = min(tried, key=lambda fit: fit.squares)
+    decaying = [fit for fit in tried if _decays(fit, scale, signal)]
+    if decaying and not _decays(linear, scale, signal):
+        # A steady line outlasts the mode and was fitted in its place, so it counts as noise.
+        noise = float(np.sqrt(np.mean(signal.size[-max(len(signal.z) // 10, 8) :] ** 2)))
+        signal, linear = replace(signal, tail=noise), decaying[0]
+        linear = fit_decay(signal, "linear", linear.theta, scale, weight_at(signal.size))
     size = signal.size
     for _ in range(2):
         size = np.abs(decay_model(signal, linear.theta, BASES["linear"], scale))
@@ -548,6 +559,11 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
     if len(signal.z) >= FEWEST_POWERS:
         fits |= _powers(signal, fits["linear"], scale, weight)
     return DecayFits(signal, fits, scale, weight, noise, half_step)
+
+
+def _decays(linear: ModeFit, scale: float, signal: DecaySignal) -> bool:
+    """Return whether the amplitude of a fitted linear mode falls below 1/e within the record."""
+    return bool(linear.theta[2] * scale * signal.time[-1] > 1)
 
 
 def _powers(

@@ -41,12 +41,13 @@ SPRING = 0.02  # largest ratio of a spring's change of damping to its relative c
 # Smallest ratio of damping change to relative fall of frequency for a joint that slips: for sliders
 # with the Iwan exponent chi, 4 (chi + 1) / (pi (chi + 3)), which is 0.1 at -0.8.
 SLIPS = 0.1
-# laws by the power of the amplitude in their frequency, their damping, or both
+# exponent of the amplitude in the change of frequency (springs), of damping (dampers) or of both
+# (hysteresis), by law
 SPRINGS = {"cubic": 2.0, "quintic": 4.0}
 DAMPERS = {"quadratic_damping": 1.0, "cubic_damping": 2.0}
 HYSTERESIS = {"bouc_wen": 1.0}
-# The power of a law that saturates is smaller than to first order: 0.8 at the amplitude where delta
-# y reaches 2.
+# allowed decrease of the exponent of a law that saturates; the exponent of bouc_wen is 0.8 instead
+# of 1 at the amplitude where delta y reaches 2
 SATURATES = 0.25
 SLIDERS = ("masing_power", "iwan4")
 KINDS_OF_FORCE = (tuple(SPRINGS), tuple(DAMPERS), (*HYSTERESIS, *SLIDERS))

@@ -124,7 +124,7 @@ class SweepSignal:
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
     def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
-        """Return the sweep with other amplitudes of the motion, on which the mode depends."""
+        """Return the sweep with new amplitudes of motion, on which the fitted mode depends."""
         return replace(self, amplitude=amplitude)
 
 
@@ -280,7 +280,7 @@ def _moments(signal: SweepSignal, pole: Complexes) -> tuple[Complexes, ...]:
 
 
 def _forced(signal: SweepSignal, first: Complexes, second: Complexes) -> Complexes:
-    """Return the drive's contribution to each time step, in which it is linear."""
+    """Return the drive's contribution to each time step; the drive is linear within a step."""
     u = signal.u
     return signal.step_s * (u[:-1] * (first - second) + u[1:] * second)
 
@@ -302,7 +302,7 @@ def fit_sweep(
     weight: Reals,
     cause: SweepCause | None = None,
 ) -> ModeFit:
-    """Fit a mode with given powers of amplitude to a sweep, and an additional cause if given.
+    """Fit a mode with given powers of amplitude to a sweep, optionally with a cause of misfit.
 
     If the drive is a force, all gains except that of the initial state are real.
 
@@ -399,7 +399,7 @@ def _project(
     inner[np.diag_indices_from(inner)] += 1e-12
 
     def along(columns: Columns, values: Complexes) -> Reals:
-        """Return the real inner products of columns and values, one per real or imaginary gain."""
+        """Return the derivatives of the fit by the real and imaginary parts of the gains."""
         return np.real(turn.conj() * (columns.conj().T @ values)[at])
 
     def gains_of(right: Reals) -> Complexes:
@@ -411,7 +411,7 @@ def _project(
     left = target - columns @ gains
 
     def moved(by: Columns) -> Complexes:
-        """Return the derivative of the residual with respect to a change of the columns."""
+        """Return the change of the residual after a change `by` of the columns; refit the gains."""
         change = by @ gains
         return -change - columns @ gains_of(along(by, left) - along(columns, change))
 
@@ -450,7 +450,7 @@ def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple
 
 
 class SweepFits(NamedTuple):
-    """A sweep with the amplitudes on which its mode depends, and its fits.
+    """A sweep, the amplitudes of motion at which its mode is evaluated, and its fits.
 
     Attributes:
         signal: Sweep with the amplitude on which the filter depends.
@@ -474,7 +474,7 @@ class SweepFits(NamedTuple):
 
     KIND = "sweep"
     FIRST = 0
-    SECOND_ORDER = 0.05  # The amplitude grows faster in a sweep.
+    SECOND_ORDER = 0.05  # more than for a decay, because the amplitude changes faster in a sweep
     FLOOR = 0.01
 
 

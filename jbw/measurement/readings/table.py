@@ -45,7 +45,7 @@ FLOOR_OF_DAMPING = 0.003  # smallest error of zeta, divided by zeta
 BEYOND = 0.3  # error of zeta, divided by zeta and by the relative residual in excess of noise
 # p-value of a change with amplitude below which a mode is nonlinear
 ODDS = 1e-4
-# smallest change that counts: of zeta or of the relative frequency, divided by zeta
+# smallest relevant change of zeta, or of the relative frequency, divided by zeta
 LEAST_CHANGE = 5e-3
 SURE = 3.0  # number of standard deviations by which a change must differ from zero
 # tangent of 31 degrees: if the phase of a gain is larger, the sign of the gain is not known

@@ -49,7 +49,7 @@ def of_lines(lines: Sequence[str], path: Path) -> Contents | None:
 
 
 def annotated(contents: Contents) -> Contents:
-    """Return an open file's contents with its recorder's facts about channels, if recognised."""
+    """Return an open file's contents; add what a recognised recorder states on its channels."""
     for recorder in recorders() if not contents.recorder else ():
         if recorder.of and recorder.read and recorder.of(contents):
             contents = replace(recorder.read(contents), recorder=recorder.name)

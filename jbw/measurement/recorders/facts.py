@@ -11,7 +11,7 @@ import numpy as np
 from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
 from jbw.units import FACTORS, is_unit, plain, titled
 
-MOST_VALUES = 4096  # values read for one fact
+MOST_VALUES = 4096  # largest size of an array that is read for a single number
 
 
 def top(contents: Contents) -> dict[str, Any]:

@@ -48,7 +48,7 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
     if len(ends) > 2:
         raise DataError(
             f"File `{path.name}` holds {len(ends) - 1} segments of a LabVIEW measurement.",
-            remedy="Write each into a file of its own, or all as TDMS.",
+            remedy="Write each segment into a separate file, or write all segments as TDMS.",
         )
     facts = _facts(lines[: ends[0]])
     mark = SEPARATORS.get(facts.get("separator", ["Tab"])[0].lower(), "\t")
@@ -126,7 +126,7 @@ def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
         return 1
     if is_one_header and declared > 0 and size % declared == 0:
         return int(size // declared)
-    raise ValueError(f"`{name}` declares {declared:g} samples of {size}")
+    raise ValueError(f"`{name}` declares {declared:g} samples, but has {size}")
 
 
 def _rounding(text: str) -> float:

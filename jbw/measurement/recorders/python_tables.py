@@ -92,7 +92,11 @@ def read(contents: Contents) -> Contents:
         names, units = facts["_names"], _list(facts, UNITS)
         along = 0 if item.shape[0] == len(names) else 1
         if item.shape[0] == item.shape[1]:
-            raise ValueError(f"{len(names)} channels of as many samples: which is which?")
+            raise ValueError(
+                f"a square table of {len(names)} channels does not show whether rows or columns "
+                "are "
+                "channels"
+            )
         units = units * len(names) if len(units) == 1 else units
         units = units if len(units) == len(names) else [""] * len(names)
         fs, start = _rate(facts) or contents.fs or _rate(contents.attributes), None

@@ -78,12 +78,11 @@ def steady_line(hz: str, share: float) -> FaultText:
     )
 
 
-def line_in_sweep(hz: str) -> FaultText:
-    """Return the message on a spectral line in a sweep [Hz] that the drive does not cause."""
+def line_beside_drive(hz: str) -> FaultText:
+    """Return the message on a spectral line [Hz] that the drive does not cause."""
     return FaultText(
         f"A spectral line at {hz} Hz does not come from the drive.",
-        "Where the sweep passes the frequency of the line, a fit mistakes the line for the "
-        "response.",
+        "Near this frequency a fit mistakes the line for the response to the drive.",
         "Remove the source of the line and measure again.",
     )
 

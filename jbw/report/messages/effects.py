@@ -1,6 +1,7 @@
 """Messages on a joint's effect on frequency and damping, and on its law from a backbone."""
 
 from collections.abc import Sequence
+from math import ceil, log10
 
 from jbw.report.messages.message import number, percent
 
@@ -32,9 +33,10 @@ def _change(quantity: str, quantiles: Sequence[float]) -> str:
 
 
 def _share(quantiles: Sequence[float]) -> str:
-    low, middle, high = (
-        f"{x:.0f}" if abs(x) >= 100 else f"{x:.2g}" for x in (100 * value for value in quantiles)
-    )
+    """Return percentages with as many decimals as the width of the interval needs."""
+    percents = [100 * value for value in quantiles]
+    width = max(percents[2] - percents[0], 1e-4)
+    low, middle, high = (f"{x:.{max(0, ceil(-log10(width)))}f}" for x in percents)
     return f"{middle} % [{low}, {high}]"
 
 

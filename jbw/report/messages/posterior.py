@@ -56,7 +56,7 @@ def sampler(name: str, evaluations: int, coordinates: str) -> str:
 
 def evidence(log_evidence: float, error: float) -> str:
     """Return the sentence on the log evidence with its error [nats]."""
-    return f"The log evidence is {log_evidence:.2f} +- {error:.2g}."
+    return f"The log evidence is {log_evidence:.2f} ± {error:.2g}."
 
 
 def in_group_unit(name: str) -> str:

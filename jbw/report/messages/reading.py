@@ -29,8 +29,8 @@ AS_HDF5 = "Save the file as HDF5, which can be read in parts."
 AS_V73 = "Save the file with -v7.3, which can be read in parts, or save fewer variables."
 FEWER_SAMPLES = (
     "Read only a part of the records, by `span = [first, last]` in seconds under [[test]], or "
-    "resample them, by `resample = RATE` in Hz with at least four times the upper end of the "
-    "band."
+    "resample the records, by `resample = RATE` in Hz with at least four times the upper end of "
+    "the band."
 )
 CONJUGATED = "phase conjugated, from exp(-j omega t) to exp(j omega t)"
 STORE_NUMBERS = "Store the samples as a dataset of floats or integers."
