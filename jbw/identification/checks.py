@@ -79,7 +79,7 @@ from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
-from jbw.observables.drives import of_part
+from jbw.observables.drives import of_drive
 from jbw.report.messages import posterior as messages
 from jbw.report.messages.discrepancy import one_kind
 
@@ -294,7 +294,9 @@ def effects_of_joints(checked: CheckedPosterior) -> Outcome:
 def of_tests(checked: CheckedPosterior) -> Outcome:
     """Return every kind of test's statements on its fit."""
     theta, parts = checked.theta, checked.data.parts
-    return Outcome(statements=[x for part in parts for x in part.statements(of_part(theta, part))])
+    return Outcome(
+        statements=[x for part in parts for x in part.statements(of_drive(theta, part.drive))]
+    )
 
 
 def of_drives(checked: CheckedPosterior) -> Outcome:

@@ -113,7 +113,7 @@ def powers(unit: str) -> tuple[int, int] | None:
 def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = ()) -> xr.Dataset:
     """Return a posterior with its draws corrected by the true factors of sensors and clock."""
     theta = {str(name): values.values for name, values in posterior.data_vars.items()}
-    law_powers = [law.of(theta).powers_of_length() for law in laws_named(laws)]
+    law_powers = [law.build(theta).powers_of_length() for law in laws_named(laws)]
     lengths = {name: power for powers_of_law in law_powers for name, power in powers_of_law.items()}
     scaled = {}
     for name, values in posterior.data_vars.items():

@@ -56,7 +56,7 @@ from jbw.observables.dataset import (
 )
 from jbw.observables.decay import Decays, matched
 from jbw.observables.decay_envelopes import NUM_OWN
-from jbw.observables.drives import of_part
+from jbw.observables.drives import of_drive
 from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.modal_decays import errors_by_mode
 from jbw.observables.noise import fractions_counted
@@ -279,7 +279,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
         theta = {**as_arrays(fitted.theta, data), **point}
         by_name = {"zeta": theta["zeta"]} if "zeta" in point else {}
         for law in laws_named(data.laws):
-            parameters = law.of(theta).parameters()
+            parameters = law.build(theta).parameters()
             for product in law.products:
                 by_name[product.quantity.name] = product.of({**theta, **parameters})
         return by_name
@@ -343,7 +343,7 @@ def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[s
 
 
 def _mode_sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> str:
-    theta = of_part(as_arrays(best.theta, data), part)
+    theta = of_drive(as_arrays(best.theta, data), part.drive)
     common = errors_by_mode(np.asarray(matched(theta, part).residual), part)
     own_errors = [error_alone(key, decays) for decays in part.alone]
     rows = zip(part.modes.hz, common, own_errors, strict=True)

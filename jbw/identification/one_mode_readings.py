@@ -131,7 +131,7 @@ def _reading(
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
     """Return the products that small motion determines: softening alpha delta, loss alpha gamma."""
-    s, o = BoucWenLaw.of(theta).weak_motion()
+    s, o = BoucWenLaw.build(theta).weak_motion()
     return {"s": jnp.asarray(s), "o": jnp.asarray(o)}
 
 

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jbw import rig
-from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.load import Campaign
+from jbw.campaign.tables import force_per_unit, gain_of
 from jbw.errors import DataError
 from jbw.identification.assemble import measured_in
 from jbw.identification.linear_step import LinearStep, linear_step

@@ -25,9 +25,9 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from jbw.campaign.gains import force_per_unit
 from jbw.campaign.joints import require_one_joint
 from jbw.campaign.load import Campaign
+from jbw.campaign.tables import force_per_unit
 from jbw.errors import ConfigError, DataError
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import law_variables
