@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.campaign.asked import Named
-from jbw.campaign.content import controlled_kind, course_of, falls
+from jbw.campaign.content import controlled_kind, course_of, falls, model_files, structure_lines
 from jbw.campaign.document import NAMED, commented, toml
-from jbw.campaign.draft_structure import model_files, structure_lines
 from jbw.campaign.roles import (
     MOST_SAMPLES,
     Channel,

@@ -64,6 +64,7 @@ from jbw.oscillator.laws import laws_named
 from jbw.quantities import are_at_joints
 from jbw.report.messages import modes, stages
 from jbw.report.messages import residuals as messages
+from jbw.results.attributes import StoredErrors
 
 # fits without some runs, by the names of these runs
 FitsWithout = Mapping[tuple[str, ...], HeldOut]
@@ -182,7 +183,7 @@ def left_out_sentence(left_out: xr.Dataset) -> str:
     """Return the sentence on how well each run is predicted from the others."""
     of_runs = left_out["error"]
     errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in of_runs]
-    proviso = messages.WITH_FREQUENCY * of_runs.attrs.get("own_frequency", 0)
+    proviso = messages.WITH_FREQUENCY * StoredErrors.of(of_runs).own_frequency
     return messages.each_session(proviso, errors, identified_alone(left_out["wider"]))
 
 
