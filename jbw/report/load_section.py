@@ -82,12 +82,7 @@ def load_rows(name: str, dataset: xr.Dataset) -> list[LoadNumber]:
         levels = dataset["level"].values if "level" in values.dims else [None]
         for level, (low, median, high) in zip(levels, columns, strict=True):
             entry = {"load": name, "level": level, "level_unit": level_unit, "quantity": str(key)}
-            ends = {
-                "low": low,
-                "median": median,
-                "high": high,
-                "unit": unit,
-            }
+            ends = {"low": low, "median": median, "high": high, "unit": unit}
             rows.append(LoadNumber(**entry, **ends))
     return rows
 
