@@ -447,7 +447,7 @@ def drawn(facts: DrawnPosterior) -> list[str]:
     if not facts.coordinates:
         return []
     sentences = [messages.sampler(facts.sampler, facts.num_evaluations, facts.coordinates)]
-    if facts.log_evidence is not None:
+    if facts.log_evidence is not None and facts.log_evidence_error is not None:
         sentences += [messages.evidence(facts.log_evidence, facts.log_evidence_error)]
     return [" ".join(sentences)]
 

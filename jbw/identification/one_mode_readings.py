@@ -125,7 +125,7 @@ def _reading(
     products, std = (
         np.array(list(by_name.values())) for by_name in to_first_order(_products, ready.fit)
     )
-    slip = float(BoucWenLaw.of(ready.fit.theta).slip(ready.y_peak))
+    slip = float(BoucWenLaw.build(ready.fit.theta).slip(ready.y_peak))
     return abs(c) * products, abs(c) * std, slip
 
 

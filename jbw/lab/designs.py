@@ -193,7 +193,7 @@ def _timed(records: Records) -> Records:
     """Return the records if they can be simulated: time data from rest with several repeats."""
     wrong = {
         "a band": records.lines is not None,
-        "whole periods": records.periodic,
+        "whole periods": records.held.periodic,
         "one repeat": bool(np.any(np.asarray(records.groups.num_repeats) < 2)),
         "runs with offsets": records.groups.origin.shape[1] > 0,
         "accelerations": records.response == "acceleration",

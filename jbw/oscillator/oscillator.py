@@ -105,7 +105,7 @@ class Oscillator(eqx.Module):
     @property
     def undamaged(self) -> "Oscillator":
         """The oscillator before damage, with laws that have not yet degraded."""
-        laws = tuple(law.undamaged() if law.degrades else law for law in self.laws)
+        laws = tuple(law.undamaged() if law.degrades else law for law in self.laws)  # pyright: ignore[reportAttributeAccessIssue]
         return Oscillator(self.omega_n, self.zeta, laws)
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:

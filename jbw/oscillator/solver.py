@@ -5,7 +5,6 @@ Time is counted in samples, $\tau = t f_s$, so that no rounding of 1/fs accumula
 """
 
 from collections.abc import Callable
-from operator import mul
 from typing import Any, ClassVar, NamedTuple
 
 import diffrax
@@ -55,7 +54,10 @@ class Stepping(eqx.Module):
         """Return the effect of an input polynomial on y [m] and v [m/s], and the input [N/kg]."""
         start = self.gain * powers[0]
         # The time loop is one native call only if it contains no small dot products.
-        on_y, on_v = (added(map(mul, weights, powers)) for weights in (self.on_y, self.on_v))
+        on_y, on_v = (
+            added(weight * power for weight, power in zip(weights, powers, strict=True))
+            for weights in (self.on_y, self.on_v)
+        )
         return (on_y, on_v, start, *([self.gain * added(powers)] if self._is_damped else []))
 
     def pushed(self) -> Pushed:

@@ -226,7 +226,7 @@ def trend_of(
 
 def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) -> None:
     """Raise an error if some units of a fleet were not tested up to the monitored amplitudes."""
-    peaks = [DrawnPosterior.of(fleet[name]).y_peak for name in unit_names(fleet)]
+    peaks = np.array([DrawnPosterior.of(fleet[name]).y_peak for name in unit_names(fleet)], float)
     centre, order = _response_of(test)
     highest, reached_by_all = max(amplitudes) / centre**order, np.min(peaks)
     if not highest <= reached_by_all:

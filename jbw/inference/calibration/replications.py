@@ -139,7 +139,8 @@ def _in_rounds(
     truth, problem, to_draw, to_rank = _posed_alone(keys[0], model)
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
     facts = DrawnPosterior.of_mapping(drawn.facts)
-    arrived = np.bool_(facts.khat < GOOD_KHAT and facts.ess_weights >= ESS)
+    is_good = facts.khat is not None and facts.khat < GOOD_KHAT
+    arrived = np.bool_(is_good and (facts.ess_weights or 0.0) >= ESS)
     theta = {name: jnp.asarray(values) for name, values in drawn.theta.items()}
     ranks = _ranks_alone(to_rank, truth, problem.data, theta, jnp.asarray(arrived), model)
     return jax.tree.map(lambda value: value[None], ranks)

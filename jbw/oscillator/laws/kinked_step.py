@@ -7,8 +7,6 @@ y compensate them: with J_2 the state is of order 4, and with J_3 its derivative
 derivatives are written out, because automatic differentiation costs several times as much.
 """
 
-from operator import add
-
 import jax
 import jax.numpy as jnp
 
@@ -81,7 +79,8 @@ def _kinked(
     )
     at_zero, zero_impulses = _zero_impulse(law, (z, ended[0]), path, zero, end_slopes)
     impulses = (
-        barrier(tuple(map(add, *pair))) for pair in zip(turn_impulses, zero_impulses, strict=True)
+        barrier(tuple(a + b for a, b in zip(*pair, strict=True)))
+        for pair in zip(turn_impulses, zero_impulses, strict=True)
     )
     return (ended[0], at_turn.v + at_zero.v, at_turn.y + at_zero.y), (end_slopes, *impulses)
 

@@ -9,7 +9,7 @@ are not coupled: that changes an impulse by O(h^5) and a memory by O(h^4), so th
 
 from collections.abc import Sequence
 from functools import reduce
-from operator import mul, sub
+from operator import sub
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -214,7 +214,10 @@ class ModalStepping(eqx.Module):
     def push(self, powers: tuple[Any, ...]) -> ModalPush:
         """Return the effect of the input on each mode in a substep, from its polynomial there."""
         on_q, on_v = (
-            tuple(added(map(mul, weights, powers)) for weights in modes)
+            tuple(
+                added(weight * power for weight, power in zip(weights, powers, strict=True))
+                for weights in modes
+            )
             for modes in (self.on_q, self.on_v)
         )
         return on_q, on_v, self.gain * powers[0]
