@@ -184,7 +184,7 @@ def made(case: str, seed: int) -> Campaign:
     truth, laws, levels = RIG[case]
     rng = np.random.default_rng(seed)
     theta = {name: x * np.exp(SCATTER * rng.standard_normal()) for name, x in truth.items()}
-    joint = jbw.Oscillator(OMEGA_N, ZETA, tuple(law.of(theta) for law in laws_named(TRUE[case])))
+    joint = jbw.Oscillator(OMEGA_N, ZETA, tuple(law.build(theta) for law in laws_named(TRUE[case])))
     plans = tuple(
         rig.Plan(
             f"sweep_{1e3 * level:.1f}mV", "sweep",

@@ -84,7 +84,7 @@ def made(truth: Truth, seed: int) -> tuple[Any, dict[str, float]]:
         for name, value in truth.theta.items()
     }
     (kind,) = laws_named((truth.law,))
-    joint = jbw.Oscillator(OMEGA_N, ZETA, (kind.of(theta),))
+    joint = jbw.Oscillator(OMEGA_N, ZETA, (kind.build(theta),))
     levels = np.geomspace(*truth.range, NUM_LEVELS)
     plans = tuple(
         rig.Plan(

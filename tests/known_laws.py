@@ -47,7 +47,7 @@ ODD = [name for name in THETA if name != "square"]  # the laws that have a stead
 def law_of(name, theta=None):
     """Return the law with a name, with other parameters where given."""
     kind = Bilinear if name == "bilinear" else law_named(name)
-    return kind.of(THETA[name] if theta is None else theta)
+    return kind.build(THETA[name] if theta is None else theta)
 
 
 def as_arrays(tree):

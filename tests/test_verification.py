@@ -13,7 +13,6 @@ from decays import decay_test
 from made_runs import a_tree
 
 from jbw.identification.joint import draw_noise_std
-from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.paper_route import PaperRoute
 from jbw.identification.procedure import Posteriors
 from jbw.measurement.records import Record, Test
@@ -22,12 +21,12 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.loops import Loops
 from jbw.observables.residual_terms import has_own
 from jbw.observables.steady import Points
+from jbw.study.comparisons import compare_routes
 from jbw.verification import groups
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.bands import errors
 from jbw.verification.curves import curves_of, predict_curves
-from jbw.verification.in_time import reduced
-from jbw.verification.own_constants import completed
+from jbw.verification.in_time import completed, reduced
 from jbw.verification.predicted import NOT_KNOWN, Predicted, Source
 from jbw.verification.predictive_basis import basis_of, scattered
 from jbw.verification.reference_oscillators import of_run, references

@@ -17,10 +17,9 @@ import numpy as np
 from jbw.campaign.document import toml
 from jbw.campaign.duplicates import ResponseOrigin, held_twice, source_of
 from jbw.campaign.files import repeats_of
-from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.joints import STRUCTURE, JointsCheck, check_joints
 from jbw.campaign.schema import CampaignSpec, read_spec
-from jbw.campaign.tables import TestSpec
+from jbw.campaign.tables import TestSpec, force_per_unit, gain_of
 from jbw.campaign.together import Level, against_levels, level_of
 from jbw.campaign.trial import tried
 from jbw.errors import ConfigError, DataError, JbwError
@@ -31,12 +30,11 @@ from jbw.measurement.faults import responses
 from jbw.measurement.faults.begins_late import begins_late, blows_seen
 from jbw.measurement.faults.channels import inspect
 from jbw.measurement.faults.controlled import uncontrolled
-from jbw.measurement.faults.drive_noise import noisy_drive
 from jbw.measurement.faults.examine import Examined, examined_decay, examined_sweep
 from jbw.measurement.faults.fault import Fault, doubt, gathered, refusal, worst
-from jbw.measurement.faults.lag_of_noise import untimely
 from jbw.measurement.faults.long_records import DRIFTS, long_records
 from jbw.measurement.faults.loops import loop_causes, one_sided, travels_freely
+from jbw.measurement.faults.noise import noisy_drive, untimely
 from jbw.measurement.faults.plausibility import doubts, swapped
 from jbw.measurement.faults.second_resonance import second_resonance
 from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests

@@ -5,6 +5,7 @@ Common slips that are not valid TOML are reported with the corrected line.
 
 import json
 import re
+import shlex
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
@@ -15,7 +16,6 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
-from jbw.campaign.written import require_file
 from jbw.errors import ConfigError
 from jbw.inference.density import Density
 from jbw.measurement.spans import toml_table
@@ -23,6 +23,8 @@ from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.campaign_faults import SEE_TOML
 from jbw.report.messages.message import Template, written
 
+NAMED = "campaign.toml"
+CAMPAIGN = "Campaign file", "Write a campaign file with: jbw init FOLDER"
 MOST_BYTES = 2**20  # largest size of a campaign file in bytes, enough for several thousand tests
 LISTED = 20  # largest number of keys or errors that are listed one by one
 # sentences for errors that pydantic finds; this package's own checks have separate sentences
@@ -369,3 +371,38 @@ def _line_number(error: Exception, source: str) -> int:
     """Return the line (from 1) at which TOML parsing failed; the last line if none is stated."""
     match = re.search(r"\(at line (\d+),", str(error))
     return int(match[1]) if match else source.count("\n") + 1
+
+
+def is_campaign(path: Path) -> bool:
+    """Return whether a path has the name of a campaign file."""
+    return path.suffix.lower() == ".toml" and not path.is_dir()
+
+
+def campaign_in(folder: Path) -> Path | None:
+    """Return the campaign file of a folder: `campaign.toml`, or its only TOML campaign file."""
+    inside = sorted(folder.glob("*.toml"))
+    usual = [path for path in inside if path.name == NAMED] or inside
+    return usual[0] if len(usual) == 1 else None
+
+
+def require_file(path: Path, what: str, remedy: str) -> None:
+    """Raise a ConfigError unless a path is a readable file; see `text_of` for the arguments."""
+    try:
+        is_folder, is_file = path.is_dir(), path.is_file()
+        if is_file:
+            path.open("rb").close()
+    except PermissionError:
+        raise ConfigError(
+            f"{what} `{path}` must be readable, but permission is denied.",
+            remedy="Ask its owner for permission to read the file and its folder.",
+        ) from None
+    if is_folder:
+        inside = sorted(path.glob("*.toml"))
+        raise ConfigError(
+            f"{what} `{path}` must be a file, but it is a folder.",
+            remedy=f"Name the file in this folder: {shlex.quote(str(inside[0]))}"
+            if inside
+            else remedy.replace("FOLDER", shlex.quote(str(path))),
+        )
+    if not is_file:
+        raise ConfigError(f"{what} `{path}` does not exist.", remedy=remedy)

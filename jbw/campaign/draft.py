@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.campaign.asked import Named
-from jbw.campaign.content import controlled_kind, course_of, falls
-from jbw.campaign.document import commented, toml
-from jbw.campaign.draft_structure import model_files, structure_lines
+from jbw.campaign.content import controlled_kind, course_of, falls, model_files, structure_lines
+from jbw.campaign.document import NAMED, commented, toml
 from jbw.campaign.roles import (
     MOST_SAMPLES,
     Channel,
@@ -26,7 +25,6 @@ from jbw.campaign.roles import (
 )
 from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Head, TestSpec
-from jbw.campaign.written import NAMED
 from jbw.errors import ConfigError, DataError, JbwError, RunError
 from jbw.measurement.channels import strength_ranks
 from jbw.measurement.faults.responses import band_about_peak, height_within

@@ -4,6 +4,7 @@ import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from jbw.campaign.document import CAMPAIGN, NAMED, campaign_in, is_campaign, require_file
 from jbw.campaign.draft import (
     Draft,
     measurement_files,
@@ -11,7 +12,6 @@ from jbw.campaign.draft import (
     start_campaign,
     write_campaign,
 )
-from jbw.campaign.written import CAMPAIGN, NAMED, campaign_in, is_campaign, require_file
 from jbw.errors import ConfigError
 from jbw.report.messages import draft as messages
 

@@ -15,6 +15,7 @@ from jbw.campaign.assembled import (
     laws_of_joint,
 )
 from jbw.campaign.document import (
+    CAMPAIGN,
     FileTable,
     checked,
     document_of,
@@ -23,7 +24,6 @@ from jbw.campaign.document import (
     text_of,
     unknown_tables,
 )
-from jbw.campaign.gains import differ
 from jbw.campaign.settings import (
     MOST_MODES,
     Identify,
@@ -33,9 +33,8 @@ from jbw.campaign.settings import (
     laws_of,
     structure_errors,
 )
-from jbw.campaign.tables import NOT_STATED, Assembly, Head, Instruments, TestSpec
+from jbw.campaign.tables import NOT_STATED, Assembly, Head, Instruments, TestSpec, differ
 from jbw.campaign.together import among, at_every_point, named, of_others, on_a_base
-from jbw.campaign.written import CAMPAIGN
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import campaign_faults
 

@@ -1,8 +1,8 @@
 """The tables of a campaign file that describe measurements; each table is checked alone."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from types import MappingProxyType
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import StrictBool, model_validator
 
@@ -10,12 +10,14 @@ from jbw.campaign import values
 from jbw.campaign.document import FileTable, key
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
-from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, SOURCES, si_of
+from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, SOURCES, Test, drive_of, si_of
 from jbw.quantities import FED
 
 # largest relative error of a clock [ppm]; a larger error would mean another sampling rate
 MOST_PPM = 1e4
 NAN = float("nan")  # default of a number that is not stated
+Gain = float | Mapping[str, float] | None  # one value for all tests, or one value for each drive
+WEIGHTLESS = {*FED, BASE}  # sources whose gain does not follow from a modal mass
 
 
 class Instruments(NamedTuple):
@@ -413,3 +415,32 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
 def _curves() -> str:
     """Return the names of the kinds of test that are response curves, for messages."""
     return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
+
+
+def force_per_unit(campaign: Any) -> Gain:  # a checked campaign, with or without records
+    """Return the force per modal mass for one unit of input [1/kg or N/kg/V]; None if unknown.
+
+    If a measured force drives some tests and a shaker's voltage or current others, the gains are
+    given by drive. A mass does not determine the gain of a voltage or current, nor that of a moving
+    base, which is the participation of the mode.
+    """
+    gain, mass = campaign.gain, campaign.modal_mass
+    by_mass = None if mass is None else 1 / mass
+    tests = campaign.tests
+    drives = {drive_of(t) if isinstance(t, Test) else t.driven_by for t in tests}
+    if differ(drives):
+        every = {"force": by_mass, **dict.fromkeys(WEIGHTLESS, gain)}
+        return {drive: value for drive, value in every.items() if value is not None}
+    if by_mass is None or WEIGHTLESS.isdisjoint(drives):
+        return gain if by_mass is None else by_mass
+    return {"force": by_mass}
+
+
+def gain_of(gain: Gain, drive: str) -> float | None:
+    """Return the gain of a drive from the result of `force_per_unit`."""
+    return gain.get(drive) if isinstance(gain, Mapping) else gain
+
+
+def differ(drives: Collection[str]) -> bool:
+    """Return whether force drives some tests, and a shaker's voltage or current others."""
+    return "force" in drives and not FED.keys().isdisjoint(drives)

@@ -58,8 +58,8 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
 
 def require_unwritten(folder: Path, print_: bool) -> None:
     """Raise an error, before any question is asked, if the campaign file already exists."""
+    from jbw.campaign.document import NAMED
     from jbw.campaign.draft import already_written
-    from jbw.campaign.written import NAMED
 
     if not print_ and (folder / NAMED).exists():
         raise already_written(folder / NAMED)

@@ -1,6 +1,5 @@
 """The command that collects finished runs: `jbw collect RUNS --out fleet.nc`."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -55,6 +54,7 @@ def collect(
     with computing() as say:
         from jbw.population.covariates import read_covariates
         from jbw.population.fleet import fleet_of, write_fleet
+        from jbw.results.attributes import StoredFleet
 
         folders = [folder for path in runs for folder in _runs_of(path, say)]
         covariates = {} if table_file is None else read_covariates(table_file)
@@ -62,15 +62,15 @@ def collect(
         fleet = fleet_of(folders, covariates=covariates, mixed_versions=mixed_versions)
         write_fleet(out, fleet)
     rows = list(_rows(fleet))
-    left_out = json.loads(fleet.attrs["left_out"])
+    stored = StoredFleet.of(fleet)
     record = {
         "fleet": str(out),
-        "laws": json.loads(fleet.attrs["laws"]),
+        "laws": list(stored.laws),
         "parameters": fleet.coords["parameter"].values.tolist(),
-        "left_out": left_out,
+        "left_out": stored.left_out,
         "units": rows,
     }
-    lacking = [messages.no_logarithm(name, units) for name, units in left_out.items()]
+    lacking = [messages.no_logarithm(name, units) for name, units in stored.left_out.items()]
     answer(json_, record, fleet_table(rows), *lacking, saved=f"Fleet: {out}")
 
 

@@ -40,7 +40,7 @@ class CampaignPath(click.Path):
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
         """Return the path of the campaign file; raise a ConfigError if it cannot be read."""
-        from jbw.campaign.written import CAMPAIGN, campaign_in, require_file
+        from jbw.campaign.document import CAMPAIGN, campaign_in, require_file
 
         path = Path(str(super().convert(value, param, ctx)))
         if path.is_dir():
@@ -63,7 +63,7 @@ def campaigns_given(given: Sequence[Path], mass: float | None = None) -> list[Pa
 
     A modal mass [kg] becomes part of a drafted campaign.
     """
-    from jbw.campaign.written import CAMPAIGN, is_campaign, require_file
+    from jbw.campaign.document import CAMPAIGN, is_campaign, require_file
 
     # Nothing in the records has to be read, because campaign files are given.
     if mass is None and all(map(is_campaign, given)):

@@ -122,8 +122,8 @@ def predict(folder: Path, campaign: Path | None, **stated: Any) -> None:
     loads = any(stated[name] is not None for name in LOADS)
     require_alike(options, loads=loads, campaign=campaign)
     with computing() as say:
-        from jbw.campaign.gains import force_per_unit
         from jbw.campaign.load import load_campaign
+        from jbw.campaign.tables import force_per_unit
         from jbw.law_comparison.stack import holds_laws
         from jbw.population.basis import holds_population, require_same_torque
         from jbw.study.store import save_predictions

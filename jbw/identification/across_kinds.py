@@ -24,6 +24,7 @@ from jbw.observables.dataset import Dataset, measured_parts
 from jbw.observables.observable import Observable
 from jbw.report.messages import residuals as messages
 from jbw.report.messages import stages
+from jbw.results.attributes import StoredErrors
 
 WORDS = {
     "sweep": "sweeps and multisines", "tones": "tones and curves", "loop": "loops",
@@ -74,7 +75,7 @@ def across_kinds_sentence(predicted: xr.Dataset) -> str:
     kinds = across_kinds_record(predicted)
     errors = {kind: (row["error"], row["fitted"]) for kind, row in kinds.items()}
     identified = {kind: row["rests_on"] for kind, row in kinds.items()}
-    own_frequency = bool(predicted.attrs["own_frequency"])
+    own_frequency = StoredErrors.of(predicted).own_frequency
     return messages.across_kinds(errors, identified, own_frequency=own_frequency)
 
 

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from jbw.campaign.gains import Gain, force_per_unit, gain_of
 from jbw.campaign.joints import SeveralJoints
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify, Structured, laws_of, never_steady
+from jbw.campaign.tables import Gain, force_per_unit, gain_of
 from jbw.errors import ConfigError, DataError
 from jbw.identification import selection
 from jbw.identification.assembled import assembled_modes, known_gain, with_steps

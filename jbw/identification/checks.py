@@ -79,9 +79,10 @@ from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
-from jbw.observables.drives import of_part
+from jbw.observables.drives import of_drive
 from jbw.report.messages import posterior as messages
 from jbw.report.messages.discrepancy import one_kind
+from jbw.results.attributes import DrawnPosterior
 
 under_way = logging.getLogger("jbw.progress")
 STUCK = {"frozen_chain", "r_hat"}  # findings that show that a sampler does not suit the posterior
@@ -179,7 +180,7 @@ def check_joint(key: Key[Array, ""], posterior: JointPosterior) -> Checks:
     amendments = amendments_of(checked, groups, attempts)
     statements = (
         *ready.statements,
-        *drawn(tree.attrs),
+        *drawn(DrawnPosterior.of(tree)),
         *(sentence for outcome in outcomes for sentence in outcome.statements),
         *fit_sentences(ready.fit),
         *stuck(tree, findings),
@@ -294,7 +295,9 @@ def effects_of_joints(checked: CheckedPosterior) -> Outcome:
 def of_tests(checked: CheckedPosterior) -> Outcome:
     """Return every kind of test's statements on its fit."""
     theta, parts = checked.theta, checked.data.parts
-    return Outcome(statements=[x for part in parts for x in part.statements(of_part(theta, part))])
+    return Outcome(
+        statements=[x for part in parts for x in part.statements(of_drive(theta, part.drive))]
+    )
 
 
 def of_drives(checked: CheckedPosterior) -> Outcome:
@@ -439,21 +442,20 @@ def incomplete_finding(said: Sequence[str]) -> Finding | None:
     return Finding("incomplete_checks", "not assessed", {"sentences": said}, float(len(said)))
 
 
-def drawn(facts: Mapping[Any, Any]) -> list[str]:
+def drawn(facts: DrawnPosterior) -> list[str]:
     """Return sentences on the sampling: sampler, coordinates, number of evaluations, evidence."""
-    if "coordinates" not in facts:
+    if not facts.coordinates:
         return []
-    counted = facts["num_evaluations"]
-    sentences = [messages.sampler(facts["sampler"], counted, facts["coordinates"])]
-    if "log_evidence" in facts:
-        sentences += [messages.evidence(facts["log_evidence"], facts["log_evidence_error"])]
+    sentences = [messages.sampler(facts.sampler, facts.num_evaluations, facts.coordinates)]
+    if facts.log_evidence is not None and facts.log_evidence_error is not None:
+        sentences += [messages.evidence(facts.log_evidence, facts.log_evidence_error)]
     return [" ".join(sentences)]
 
 
 def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
     """Return advice if elliptical slice sampling has not converged, or else an empty text."""
     failed = {finding.code for finding in findings if finding.status != "ok"}
-    if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
+    if DrawnPosterior.of(posterior).sampler != "elliptical_slice" or not failed & STUCK:
         return []
     return [messages.TOO_CURVED]
 

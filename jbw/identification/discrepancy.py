@@ -41,6 +41,7 @@ from jbw.identification.accuracy import another_law
 from jbw.inference.posterior.finding import Finding
 from jbw.observables.observable import OFFSETS
 from jbw.report.messages import discrepancy as messages
+from jbw.results.attributes import StoredDiscrepancy
 
 # smallest range of log amplitude from which the slope of an error is estimated
 LEAST_RANGE = float(np.log(2.0))
@@ -180,13 +181,14 @@ def discrepancy_in(found: xr.Dataset) -> Discrepancy:
     pairs = zip(rests.kind.values, rests.values.tolist(), beyond.values.tolist(), strict=True)
     shares = {str(kind): Scatter(rest, 0, farther) for kind, rest, farther in pairs}
     forced, decays = (_missed_in(found.attrs[name]) for name in ("forced", "decays"))
-    in_noise = bool(found.attrs.get("hidden_in_noise", 0))
+    in_noise = StoredDiscrepancy.of(found).hidden_in_noise
     return Discrepancy(forced, decays, shares, *_range(found), in_noise)
 
 
 def _range(found: xr.Dataset) -> tuple[float, float]:
     """Return the smallest and largest fitted displacement [m]."""
-    return float(found.attrs["y_low"]), float(found.attrs["y_high"])
+    facts = StoredDiscrepancy.of(found)
+    return facts.y_low, facts.y_high
 
 
 def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
@@ -202,16 +204,16 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
     """
     if not found.sizes["run"]:
         return None
-    discrepancy = discrepancy_in(found)
+    discrepancy, facts = discrepancy_in(found), StoredDiscrepancy.of(found)
     if discrepancy.is_nothing:
-        entry = "" if found.attrs.get("noise_by_repeats", 1) else "discrepancy.no_repeats"
+        entry = "" if facts.noise_by_repeats else "discrepancy.no_repeats"
         return Finding("discrepancy", "ok", {}, 0.0, entry=entry)
     shift, noise_std = found["shift"].values, found["noise_std"].values
     over_noise = np.where(np.isfinite(noise_std), np.abs(shift) / noise_std, 0.0)
     run = int(np.argmax(over_noise.max(axis=1)))
     forced = discrepancy.forced if any(x.whole for x in discrepancy.forced) else discrepancy.decays
     rest = max((share.whole for share in discrepancy.share.values()), default=0.0)
-    of_modes = max(forced.frequency.whole, forced.damping.whole) / found.attrs["zeta"]
+    of_modes = max(forced.frequency.whole, forced.damping.whole) / facts.zeta
     if (error := max(of_modes, rest)) < COUNTS:
         values = {"error": error, "limit": COUNTS}
         return Finding("discrepancy", "ok", values, error, entry="discrepancy.small")
@@ -220,7 +222,7 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
         "damping": forced.damping.whole,
         "rest": rest,
         "run": str(found["run"].values[run]),
-        "run_frequency": float(shift[run, 0] / found.attrs["omega_n"]),
+        "run_frequency": float(shift[run, 0] / facts.omega_n),
         "run_damping": float(shift[run, 1]),
     }
     remedy = {"another_law": another_law(laws)}
@@ -231,7 +233,7 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
 def unscored_levels(found: xr.Dataset) -> str:
     """Return the reason (as a key) why predictions of other levels are not scored, or ""."""
     if not found.sizes["run"]:
-        return "two runs" if found.attrs["num_runs"] > 1 else "one run"
+        return "two runs" if StoredDiscrepancy.of(found).num_runs > 1 else "one run"
     y_low, y_high = _range(found)
     return "one level" if 0 < y_low <= y_high <= ONE_LEVEL * y_low else ""
 

@@ -12,6 +12,7 @@ Reference:
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from operator import itemgetter
 from typing import Any
 
 import jax
@@ -52,6 +53,7 @@ from jbw.parts import Parts, unkept
 from jbw.quantities import law_name, split
 from jbw.report.messages import stages as messages
 from jbw.report.messages.laws import IN_FIRST_MODE, OF_EACH_MODE
+from jbw.results.attributes import DrawnPosterior
 
 Laws = tuple[str, ...]
 
@@ -272,18 +274,20 @@ def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparam
     target = Target(dataset.log_likelihood, prior, data)
     request = SamplingRequest("amis", num_samples=NUM_SAMPLES, options={"most_rounds": MOST_ROUNDS})
     chosen, _, evaluations = choose(jax.random.fold_in(key, 2), target, parametrisations)
-    tried: list[tuple[xr.DataTree, Reparametrisation]] = []
+    tried: list[tuple[xr.DataTree, Reparametrisation, float]] = []
     for name in sorted(parametrisations, key=lambda name: name != chosen):
         if (place := parametrisations[name]()) is None:
             continue
         tree = draw_posterior(key, target, request, place, attrs=attrs(one.laws))
-        evaluations += tree.attrs["num_evaluations"]
-        tree.attrs["coordinates"] = name
-        tried.append((tree, place))
-        if tree.attrs["khat"] < GOOD_KHAT:
+        facts = DrawnPosterior.of(tree)
+        evaluations += facts.num_evaluations
+        tree.attrs |= {"coordinates": name}
+        khat = np.inf if facts.khat is None else facts.khat
+        tried.append((tree, place, khat))
+        if khat < GOOD_KHAT:
             break
-    draws, place = min(tried, key=lambda pair: pair[0].attrs["khat"])
-    draws.attrs["num_evaluations"] = evaluations
+    draws, place, _ = min(tried, key=itemgetter(2))
+    draws.attrs |= {"num_evaluations": evaluations}
     parametrisation = about_draws(draws, prior, place)
     return with_derived(jax.random.fold_in(key, 1), draws, data), parametrisation
 

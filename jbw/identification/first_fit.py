@@ -31,7 +31,7 @@ from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
-from jbw.observables.drives import by_secant, of_part, plain, told_by
+from jbw.observables.drives import by_secant, of_drive, plain, told_by
 from jbw.oscillator.modes.assembled import is_assembled
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
@@ -98,7 +98,7 @@ def from_amplitude_curve(
     of_model = is_assembled(data.held)  # One mode determines only a sum over all joints.
     if part is None or curve is None or "zeta" not in prior.names or of_model:
         return {}
-    part_bounds = of_part(bounds_by_name(prior), part)
+    part_bounds = of_drive(bounds_by_name(prior), part.drive)
     bounds = {n: x for n, x in part_bounds.items() if n not in BESIDE_CURVE and n == plain(n)}
     best = fit_curve(key, data.laws, box(bounds), rows_of_curve(curve))
     return {name: value for name, value in best.theta.items() if name not in known}

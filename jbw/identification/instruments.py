@@ -33,6 +33,7 @@ from jbw.observables.drives import plain
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import GAINS, derivative_order
 from jbw.report.messages import instruments as messages
+from jbw.results.attributes import StoredVariable
 
 # powers of length and time in each unit
 POWER = {"m": (1, 0), "s": (0, 1), "rad": (0, 0), "1": (0, 0)}
@@ -113,11 +114,11 @@ def powers(unit: str) -> tuple[int, int] | None:
 def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = ()) -> xr.Dataset:
     """Return a posterior with its draws corrected by the true factors of sensors and clock."""
     theta = {str(name): values.values for name, values in posterior.data_vars.items()}
-    law_powers = [law.of(theta).powers_of_length() for law in laws_named(laws)]
+    law_powers = [law.build(theta).powers_of_length() for law in laws_named(laws)]
     lengths = {name: power for powers_of_law in law_powers for name, power in powers_of_law.items()}
     scaled = {}
     for name, values in posterior.data_vars.items():
-        exponents = powers(str(values.attrs.get("units", "")))
+        exponents = powers(StoredVariable.of(values).units)
         if plain(str(name)) in GAINS:
             factor = factors.gain
         elif exponents is None or (exponents == (0, 0) and name not in lengths):

@@ -46,7 +46,7 @@ from jbw.inference.space.ridge import along_ridge
 from jbw.measurement.records import Test
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
-from jbw.observables.drives import NAMES, attached, named, of_part
+from jbw.observables.drives import NAMES, attached, named, of_drive
 from jbw.observables.noise import Drawn, draw_noise
 from jbw.observables.observable import Observable
 from jbw.oscillator.laws import laws_named
@@ -285,7 +285,7 @@ def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
     """Return draws of those parameters and products of the laws that were not sampled."""
     theta, derived = every_parameter(posterior, data), {}
     for law in laws_named(data.laws):
-        parameters = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}
+        parameters = {name: np.asarray(v) for name, v in law.build(theta).parameters().items()}
         named = [(quantity, parameters[quantity.name]) for quantity in law.table]
         named += [
             (product.quantity, product.of({**theta, **parameters})) for product in law.products
@@ -306,7 +306,7 @@ def draw_noise_std(
         if not part.dimension:
             continue
         key, part_key = parts_of(key, 2)
-        noise = draw_noise(part_key, of_part(theta, part), labelled, part, data.num_offsets)
+        noise = draw_noise(part_key, of_drive(theta, part.drive), labelled, part, data.num_offsets)
         name, dim, number = f"noise_std{part.suffix}", part.dimension, 2
         while name in derived:
             name, dim = f"noise_std{part.suffix}_{number}", f"{part.dimension}_{number}"

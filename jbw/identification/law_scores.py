@@ -38,6 +38,7 @@ from jbw.measurement.channels import rms
 from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import quantities_of
+from jbw.results.attributes import DrawnPosterior
 
 # Settings for the posterior without one run: points per round, required number of effective points,
 # and largest number of rounds (True: with integration in time).
@@ -209,7 +210,7 @@ def log_evidence_wide(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -
     data, best, prior = one.fitted.data, one.fitted.fit, one.fitted.box
     wide, log_evidence = (
         twice_as_wide(prior, one.laws, data.stated.names),
-        draws.attrs.get("log_evidence"),
+        DrawnPosterior.of(draws).log_evidence,
     )
     if log_evidence is None or bounds_by_name(wide) == bounds_by_name(prior):
         return log_evidence

@@ -56,7 +56,7 @@ from jbw.observables.dataset import (
 )
 from jbw.observables.decay import Decays, matched
 from jbw.observables.decay_envelopes import NUM_OWN
-from jbw.observables.drives import of_part
+from jbw.observables.drives import of_drive
 from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.modal_decays import errors_by_mode
 from jbw.observables.noise import fractions_counted
@@ -64,6 +64,7 @@ from jbw.oscillator.laws import laws_named
 from jbw.quantities import are_at_joints
 from jbw.report.messages import modes, stages
 from jbw.report.messages import residuals as messages
+from jbw.results.attributes import StoredErrors
 
 # fits without some runs, by the names of these runs
 FitsWithout = Mapping[tuple[str, ...], HeldOut]
@@ -182,7 +183,7 @@ def left_out_sentence(left_out: xr.Dataset) -> str:
     """Return the sentence on how well each run is predicted from the others."""
     of_runs = left_out["error"]
     errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in of_runs]
-    proviso = messages.WITH_FREQUENCY * of_runs.attrs.get("own_frequency", 0)
+    proviso = messages.WITH_FREQUENCY * StoredErrors.of(of_runs).own_frequency
     return messages.each_session(proviso, errors, identified_alone(left_out["wider"]))
 
 
@@ -279,7 +280,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
         theta = {**as_arrays(fitted.theta, data), **point}
         by_name = {"zeta": theta["zeta"]} if "zeta" in point else {}
         for law in laws_named(data.laws):
-            parameters = law.of(theta).parameters()
+            parameters = law.build(theta).parameters()
             for product in law.products:
                 by_name[product.quantity.name] = product.of({**theta, **parameters})
         return by_name
@@ -343,7 +344,7 @@ def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[s
 
 
 def _mode_sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> str:
-    theta = of_part(as_arrays(best.theta, data), part)
+    theta = of_drive(as_arrays(best.theta, data), part.drive)
     common = errors_by_mode(np.asarray(matched(theta, part).residual), part)
     own_errors = [error_alone(key, decays) for decays in part.alone]
     rows = zip(part.modes.hz, common, own_errors, strict=True)

@@ -125,13 +125,13 @@ def _reading(
     products, std = (
         np.array(list(by_name.values())) for by_name in to_first_order(_products, ready.fit)
     )
-    slip = float(BoucWenLaw.of(ready.fit.theta).slip(ready.y_peak))
+    slip = float(BoucWenLaw.build(ready.fit.theta).slip(ready.y_peak))
     return abs(c) * products, abs(c) * std, slip
 
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
     """Return the products that small motion determines: softening alpha delta, loss alpha gamma."""
-    s, o = BoucWenLaw.of(theta).weak_motion()
+    s, o = BoucWenLaw.build(theta).weak_motion()
     return {"s": jnp.asarray(s), "o": jnp.asarray(o)}
 
 

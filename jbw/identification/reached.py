@@ -23,7 +23,7 @@ def threshold_sentences(
         return []
     sentences = []
     for law in laws_named(laws):
-        thresholds = law.of(theta).thresholds()
+        thresholds = law.build(theta).thresholds()
         clauses = [
             f"{threshold.what} {_where(np.asarray(threshold.y), y_peak, threshold.rests)}"
             for threshold in thresholds

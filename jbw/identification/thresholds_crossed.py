@@ -51,7 +51,7 @@ def reached(
 ) -> Bool[np.ndarray, "threshold point"]:
     """Return, for each parameter point, which laws' thresholds the largest motion exceeds."""
     y_peak, parameters = fitted_displacement(fitted, data), {**data.held, **theta}
-    laws = [law.of(parameters) for law in laws_named(data.laws)]
+    laws = [law.build(parameters) for law in laws_named(data.laws)]
     y = [np.atleast_1d(threshold.y) for law in laws for threshold in law.thresholds()]
     return np.stack(np.broadcast_arrays(*y)) < y_peak if y else np.zeros((0, 1), bool)
 

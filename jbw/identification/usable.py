@@ -4,8 +4,8 @@ import warnings
 from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 
-from jbw.campaign.gains import Gain, gain_of
 from jbw.campaign.settings import Identify
+from jbw.campaign.tables import Gain, gain_of
 from jbw.errors import DataError
 from jbw.identification.linear_step import TriedStep, tried_step
 from jbw.identification.selection import decay_tests, linear_test

@@ -13,8 +13,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jbw import rig
-from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.load import Campaign
+from jbw.campaign.tables import force_per_unit, gain_of
 from jbw.errors import DataError
 from jbw.identification.assemble import measured_in
 from jbw.identification.linear_step import LinearStep, linear_step
@@ -195,7 +195,7 @@ def _timed(records: Records) -> Records:
     """Return the records if they can be simulated: time data from rest with several repeats."""
     wrong = {
         "a band": records.lines is not None,
-        "whole periods": records.periodic,
+        "whole periods": records.held.periodic,
         "one repeat": bool(np.any(np.asarray(records.groups.num_repeats) < 2)),
         "runs with offsets": records.groups.origin.shape[1] > 0,
         "accelerations": records.response == "acceleration",

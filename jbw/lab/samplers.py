@@ -30,6 +30,7 @@ from jbw.inference.space.reparametrisation import in_box
 from jbw.inference.space.ridge import along_ridge
 from jbw.parts import Parts, unkept
 from jbw.report.studies import comparison
+from jbw.results.attributes import DrawnPosterior
 from jbw.results.studies import StoredSamplers
 from jbw.study.store import save_outputs, write_figure, write_json
 
@@ -213,7 +214,7 @@ def _numbers_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, A
         }
         for sampler, sample in drawn.items()
     }
-    exact = "quadrature" in drawn and converged(drawn["quadrature"].tree.attrs)
+    exact = "quadrature" in drawn and converged(DrawnPosterior.of(drawn["quadrature"].tree))
     chains = {name: row for name, row in rows.items() if name != "quadrature"} or rows
     reference = "quadrature" if exact else reference_of(chains)
     truth = exact_numbers(drawn["quadrature"].tree) if exact else rows[reference]
@@ -234,19 +235,19 @@ def _numbers_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, A
 def _row(
     sample: Drawn, rows: Mapping[str, Row], base: Mapping[Any, Any], posterior: Posterior
 ) -> dict[str, Any]:
-    attrs, ess = sample.tree.attrs, worst_ess(rows)
+    facts, ess = DrawnPosterior.of(sample.tree), worst_ess(rows)
     judged = verdict(sample.tree, posterior.box)
     return {
         "draws": math.prod(shape_of(posterior_draws(sample.tree))),
         "ess": ess,
-        "num_evaluations": int(attrs["num_evaluations"]),
+        "num_evaluations": facts.num_evaluations,
         "wall_cold_s": round(sample.cold_s, 4),
         "wall_warm_s": None if sample.warm_s is None else round(sample.warm_s, 4),
         "ess_per_s_cold": None if ess is None else ess / sample.cold_s,
         "ess_per_s_warm": None if ess is None or sample.warm_s is None else ess / sample.warm_s,
-        "log_evidence": attrs.get("log_evidence"),
-        "log_evidence_error": attrs.get("log_evidence_error"),
-        "z_log_evidence": distance(attrs, base, "log_evidence", "log_evidence_error"),
+        "log_evidence": facts.log_evidence,
+        "log_evidence_error": facts.log_evidence_error,
+        "z_log_evidence": distance(sample.tree.attrs, base, "log_evidence", "log_evidence_error"),
         "furthest": furthest(list(rows.values())),
         "verdict": judged.status,
         "failed": [finding.code for finding in judged.findings if finding.status == "failed"],

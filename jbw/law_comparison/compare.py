@@ -52,6 +52,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.parts import Parts, unkept
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
+from jbw.results.attributes import DrawnPosterior
 from jbw.results.laws import StoredLaw, StoredLaws
 from jbw.study.free_group import (
     free_law_groups,
@@ -457,6 +458,7 @@ def row_of(weighed: Weighed) -> StoredLaw:
     """Return the stored numbers of a law."""
     candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
     names, posterior = candidate.fitted.box.names, posterior_draws(tree)
+    facts = DrawnPosterior.of(tree)
     every = every_parameter(posterior, candidate.fitted.data)
     row = {
         "laws": list(candidate.laws),
@@ -471,10 +473,10 @@ def row_of(weighed: Weighed) -> StoredLaw:
         "elpd_doubt": None if held_out is None else held_out.doubt,
         "log_likelihood": weighed.log_likelihood,
         "hopeless": weighed.hopeless,
-        "log_evidence": tree.attrs.get("log_evidence"),
-        "log_evidence_error": tree.attrs.get("log_evidence_error"),
+        "log_evidence": facts.log_evidence,
+        "log_evidence_error": facts.log_evidence_error,
         "log_evidence_wide": weighed.wide,
-        "khat_evidence": tree.attrs.get("khat"),
+        "khat_evidence": facts.khat,
         "at_bound": list(candidate.at_bound),
         "widened": list(candidate.fitted.statements),
         "reached": threshold_sentences(every, candidate.fitted.y_peak, candidate.laws),

@@ -21,7 +21,7 @@ from jbw.inference.groups.scatter import Levels, log_density_of_offsets
 from jbw.inference.lanes import LANES, Solved, at_points, seeing, solved_first
 from jbw.inference.space.stated import StatedDensities, log_over_uniform, standard_scores
 from jbw.observables import remembered
-from jbw.observables.drives import of_part
+from jbw.observables.drives import of_drive
 from jbw.observables.groups import Row, in_units, sizes
 from jbw.observables.modes import Modes
 from jbw.observables.observable import OFFSETS, Observable, Theta, assemblies_of, numbers_of
@@ -161,7 +161,7 @@ def solved(
     everything = {**held, **theta}
     of_parts = zip(data.parts, rows or [None] * len(data.parts), strict=True)
     parts = [
-        part.solved(of_part(everything, part), threads, writes=writes, rows=part_rows)
+        part.solved(of_drive(everything, part.drive), threads, writes=writes, rows=part_rows)
         for part, part_rows in of_parts
     ]
     solved_parts = [i for i, part in enumerate(parts) if part is not None]
@@ -193,7 +193,7 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
         offset_estimates = estimates(everything, data)
         offsets = log_density_of_offsets(offset_estimates, data.levels, data.scatters)
         return jnp.concatenate([offset_estimates.log_density, jnp.atleast_1d(offsets), stated])
-    of_parts = [part.estimate(of_part(everything, part), 0) for part in data.parts]
+    of_parts = [part.estimate(of_drive(everything, part.drive), 0) for part in data.parts]
     pairs = zip(data.parts, of_parts, strict=True)
     shifts = [_density_of_shifts(everything, found) for part, found in pairs if part.own_shifts]
     return jnp.concatenate([*(found.log_density for found in of_parts), *shifts, stated])
@@ -213,7 +213,9 @@ def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
     """Estimate each run's offsets from each of the run's data groups, at given parameters."""
-    part_estimates = [part.estimate(of_part(theta, part), data.num_offsets) for part in data.parts]
+    part_estimates = [
+        part.estimate(of_drive(theta, part.drive), data.num_offsets) for part in data.parts
+    ]
     return Estimate(*(jnp.concatenate(rows) for rows in zip(*part_estimates, strict=True)))
 
 
@@ -252,7 +254,7 @@ def residual(theta: Theta, data: Dataset) -> Residual:
 
 
 def _weighted(theta: Theta, data: Dataset) -> list[Block]:
-    return [part.weighted(of_part(theta, part)) for part in data.parts]
+    return [part.weighted(of_drive(theta, part.drive)) for part in data.parts]
 
 
 def _offsets_taken_out(
@@ -349,7 +351,7 @@ def with_directions(
     """Return the dataset with its predictions' derivatives with respect to each run's offsets."""
     everything = as_arrays(theta, data)
     parts = tuple(
-        p if p.own_shifts else p.linearised(of_part(everything, p), offsets or {})
+        p if p.own_shifts else p.linearised(of_drive(everything, p.drive), offsets or {})
         for p in data.parts
     )
     return replace(data, parts=parts)

@@ -44,11 +44,6 @@ def of_drive[Value](theta: Mapping[str, Value], drive: str) -> Mapping[str, Valu
     return {**theta, **drive_theta} if drive_theta else theta
 
 
-def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str, Value]:
-    """Return the parameters that apply to the drive of one part of the dataset."""
-    return of_drive(theta, part.drive)
-
-
 def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
     """Return the drives that occur in names of parameters, such as voltage in omega_n_voltage."""
     drives = {part.drive for part in parts if part.drive}

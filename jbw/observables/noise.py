@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Key
 from jbw.inference.generator import generator
 from jbw.observables import groups as table
 from jbw.observables.dataset import Dataset, as_arrays, measured_parts, residual_by_label, sizes_of
-from jbw.observables.drives import of_part
+from jbw.observables.drives import of_drive
 from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.groups import Covariance, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
@@ -82,7 +82,7 @@ def with_fitted_noise(theta: Mapping[str, float], residuals: Rows, data: Dataset
     """Return the dataset with the noise of every data group from the residuals of a fit."""
     everything = as_arrays(theta, data)
     parts = tuple(
-        p if p.groups.is_prior else p.with_fitted_noise(of_part(everything, p), residuals)
+        p if p.groups.is_prior else p.with_fitted_noise(of_drive(everything, p.drive), residuals)
         for p in data.parts
     )
     return replace(data, parts=parts)

@@ -23,7 +23,7 @@ from jbw.inference.generator import generator, parts_of
 from jbw.inference.groups.scatter import draw_offsets
 from jbw.inference.lanes import Solved, at_points, seeing, solved_first
 from jbw.observables.dataset import Dataset, estimates, solved, unnamed
-from jbw.observables.drives import of_part
+from jbw.observables.drives import of_drive
 from jbw.observables.groups import beside_own, fractions_counted, single_records
 from jbw.observables.observable import Observable, Theta
 
@@ -159,9 +159,9 @@ def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -
         numbers = np.array([order.index(run) for run in part.groups.runs])
         b = None if offset is None else offset[numbers]
         if part_rows is None:
-            parts.append(_known(of_part(everything, part), part, b))
+            parts.append(_known(of_drive(everything, part.drive), part, b))
             continue
-        square, products = part.residual_sums(of_part(everything, part), part_rows.rows, b)
+        square, products = part.residual_sums(of_drive(everything, part.drive), part_rows.rows, b)
         cross = products[part_rows.group, part_rows.place]
         parts.append((square[part_rows.group], cross, products[part_rows.group, 0]))
     return {**sums, "parts": parts}

@@ -193,11 +193,6 @@ class Records(Observable):
         return self.held.u
 
     @property
-    def periodic(self) -> bool:
-        """Whether each record is one period of a steady periodic motion."""
-        return self.held.periodic
-
-    @property
     def solving(self) -> dict[str, Any]:
         """The simulation options, as keyword arguments of `motion_under`."""
         return {"laws": self.laws, "substeps": self.substeps, "depth": self.depth}
@@ -411,7 +406,7 @@ class Records(Observable):
         self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
     ) -> list[Oscillator] | None:
         """Return several levels' oscillators at parameter points; repeats fill the batch."""
-        if self.periodic or any(self.points):
+        if self.held.periodic or any(self.points):
             return None
         count, origin = len(numbers), np.asarray(self.groups.origin)[list(numbers)]
         every = {name: np.tile(values, count) for name, values in filled_up(dict(theta)).items()}
@@ -435,7 +430,7 @@ class Records(Observable):
 
     def _summed(self, theta: Mapping[str, Any]) -> bool:
         """Return whether the time loop can sum the residual: samples of one mode, from rest."""
-        plain = not (self.periodic or self.groups.is_complex or any(self.points))
+        plain = not (self.held.periodic or self.groups.is_complex or any(self.points))
         return (
             plain
             and not self.groups.spanned.shape[1]
@@ -515,13 +510,13 @@ def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
         mean, source = np.asarray(data.mean[i]), np.asarray(data.source[i, data.skipped :])
         if data.lines is None:
             spectra[label] = of_samples(
-                mean, residuals[label], source, data.fs, order, periodic=data.periodic
+                mean, residuals[label], source, data.fs, order, periodic=data.held.periodic
             )
             continue
         band = slice(*data.lines)
         # With a band, the samples over time are the measured ones, with the noise outside the band.
         rate = np.fft.irfft(1j * omega * np.fft.rfft(mean), length)
-        late = None if data.periodic else np.arange(length) / data.fs * rate
+        late = None if data.held.periodic else np.arange(length) / data.fs * rate
         rows = (mean, source, 0.0 * mean if late is None else late)
         x, u, turned = (np.sqrt(2 / length) * np.fft.rfft(row)[band] for row in rows)
         spectra[label] = of_lines(

@@ -28,7 +28,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jbw.errors import ModelError
-from jbw.oscillator.law import pack_memories, unpack_memories
+from jbw.oscillator.law import packed, unpacked
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import HysteresisExact, Pushed, Stepping
 from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_kink
@@ -46,13 +46,13 @@ Laws = tuple[Any, ...]
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
     """Return the states at the samples, differentiable in the parameters and the initial state."""
-    return _unpacked(stepping, _states(substeps, substeps, stepping, initial))
+    return unpacked(stepping.step.laws, _states(substeps, substeps, stepping, initial))
 
 
 def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
     """Simulate a record; return the states after every `every` substeps, as arrays over time."""
     num_steps = stepping.num_steps
-    carried = packed(stepping, initial)
+    carried = packed(stepping.step.laws, initial)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(unused_field),
         HysteresisExact(),
@@ -68,18 +68,6 @@ def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Tr
     )
     leaves = [x[: num_steps // every + 1] for x in solution.ys]  # pyright: ignore
     return jax.tree.unflatten(jax.tree.structure(carried), leaves)
-
-
-def packed(stepping: Stepping, state: State) -> State:
-    """Return an oscillator's state as arrays for the time loop, with all load reversals stacked."""
-    y, v, memory = state
-    return y, v, pack_memories(stepping.step.laws, memory)
-
-
-def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
-    """Convert the arrays of the time loop back to states of scalars."""
-    y, v, memory = trajectory
-    return y, v, unpack_memories(stepping.step.laws, memory)
 
 
 def unused_field(tau, state, stepping):
@@ -99,22 +87,23 @@ def _solve_jvp(substeps, primals, tangents):
             "drops, such as `iwan4`.",
         )
     trajectory = _states(substeps, 1, stepping, initial)
-    stacks = any(law.depth for law in stepping.step.laws)
+    laws = stepping.step.laws
+    stacks = any(law.depth for law in laws)
     linearised = jax.vmap(_linearised, in_axes=(None, 0, 0, 0, 0))
     along = tangent_of_stacks if stacks else partial(in_chunks, linearised, _recurrence)
     stepping_dot, initial_dot = tangents
     pushed, pushed_dot = jax.jvp(Stepping.pushed, (stepping,), (stepping_dot,))
     trajectory_dot = along(pushed, trajectory, pushed_dot, initial_dot)
     sampled = jax.tree.map(lambda x: x[::substeps], (trajectory, trajectory_dot))
-    return _unpacked(stepping, sampled[0]), _unpacked(stepping, sampled[1])
+    return unpacked(laws, sampled[0]), unpacked(laws, sampled[1])
 
 
 def in_chunks(
     linearised: Callable[..., Any],
     recurrence: Callable[..., Any],
-    stepping: Pushed,
+    pushed: Pushed,
     trajectory: Any,
-    stepping_dot: Pushed,
+    pushed_dot: Pushed,
     initial_dot: Any,
 ) -> Any:
     """Compute the derivative of a trajectory in consecutive chunks of time steps.
@@ -123,27 +112,28 @@ def in_chunks(
         linearised: Derivatives of many steps at their constants, starts and pushes, with the
             tangents of the constants (one copy per step) and of the pushes.
         recurrence: Body of the scan that advances the tangent of the state over these derivatives.
-        stepping: Constants and pushes of all steps.
+        pushed: Constants and pushes of all steps.
         trajectory: States before and after the steps.
-        stepping_dot: Tangents of the constants and pushes.
+        pushed_dot: Tangents of the constants and pushes.
         initial_dot: Tangent of the first state.
     """
-    num_steps = jax.tree.leaves(stepping.push)[0].shape[0]
+    (step, push), (step_dot, push_dot) = pushed, pushed_dot
+    num_steps = jax.tree.leaves(push)[0].shape[0]
     size = min(_CHUNK, num_steps)
 
     def chunks(x):
         return jnp.pad(x, (0, -num_steps % size)).reshape(-1, size)
 
     starts = jax.tree.map(lambda x: chunks(x[:-1]), trajectory)
-    push, push_dot = (jax.tree.map(chunks, s.push) for s in (stepping, stepping_dot))
+    push, push_dot = jax.tree.map(chunks, (push, push_dot))
     # Every step gets its own copy of the constants, so that the transposed program sums their
     # derivatives over all steps once, and not in every step.
-    step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), stepping_dot.step)
+    step_dot = jax.tree.map(lambda x: jnp.broadcast_to(x, (size,)), step_dot)
 
     @jax.checkpoint
     def chunk(x_dot, inputs):
         starts, push, push_dot = inputs
-        parts = linearised(stepping.step, starts, push, step_dot, push_dot)
+        parts = linearised(step, starts, push, step_dot, push_dot)
         return jax.lax.scan(recurrence, x_dot, parts)
 
     _, ys = jax.lax.scan(chunk, initial_dot, (starts, push, push_dot))
@@ -215,25 +205,26 @@ class _Tangents(NamedTuple):
 
 
 def tangent_of_stacks(
-    stepping: Pushed, trajectory: Trajectory, stepping_dot: Pushed, initial_dot: State
+    pushed: Pushed, trajectory: Trajectory, pushed_dot: Pushed, initial_dot: State
 ) -> Trajectory:
     """Compute the derivative of a simulation whose laws remember load reversals."""
-    laws: Laws = stepping.step.laws
+    step, push = pushed
+    laws: Laws = step.laws
     before, after = _but_last(trajectory), _but_first(trajectory)
-    kinked = jax.vmap(partial(_kinked, stepping.step))(before, after, stepping.push)
-    steps = _Steps(before, stepping.push, kinked)
+    kinked = jax.vmap(partial(_kinked, step))(before, after, push)
+    steps = _Steps(before, push, kinked)
     right_hand_side = _right_hand_side(
-        _split(laws, initial_dot), stepping_dot, num_states=trajectory[0].shape[0]
+        _split(laws, initial_dot), pushed_dot, num_states=trajectory[0].shape[0]
     )
     x_dot = jax.lax.custom_linear_solve(
-        partial(_system, stepping.step, steps),
+        partial(_system, step, steps),
         right_hand_side,
-        lambda _, b: _lanes_apart(_forward)((stepping.step, steps), b),
-        lambda _, c: _lanes_apart(_backward)((stepping.step, steps), c),
+        lambda _, b: _lanes_apart(_forward)((step, steps), b),
+        lambda _, c: _lanes_apart(_backward)((step, steps), c),
     ).x
 
     def full_tangent(state, x, x_dot):
-        primals, tangents = (laws, x), (stepping_dot.step.laws, x_dot)
+        primals, tangents = (laws, x), (pushed_dot[0].laws, x_dot)
         return jax.jvp(lambda laws, x: _joined(laws, state, x), primals, tangents)[1]
 
     return jax.vmap(full_tangent)(trajectory, jax.vmap(partial(_split, laws))(trajectory), x_dot)
@@ -252,9 +243,9 @@ def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Ar
 
 
 # -- the linear system -----------------------------------------------------------------------------
-def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> _Tangents:
+def _right_hand_side(first: Carriers, pushed_dot: Pushed, num_states: int) -> _Tangents:
     """Return the right-hand side of the linear system for the derivatives."""
-    step, push = stepping_dot.step, stepping_dot.push
+    step, push = pushed_dot
     # JAX transposes a linear solve only if its whole right-hand side depends on the input that is
     # transposed.
     leaves = jax.tree.leaves((first, step, tuple(p[0] for p in push)))

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from jbw.oscillator.hold import HeldInput
-from jbw.oscillator.law import pack_memories, unpack_memories
+from jbw.oscillator.law import packed, unpacked
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.rare import unshared
 from jbw.oscillator.residual_sums import response_of
@@ -211,12 +211,12 @@ def filled_up(values: PyTree) -> PyTree:
 def _at_rest(joints: Oscillator) -> State:
     """Return all oscillators at rest, as arrays of states for the time loop."""
 
-    def rest(joint: Oscillator) -> Any:
+    def rest(joint: Oscillator) -> State:
+        none = jnp.zeros(())
         memory = jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_rest())
-        return pack_memories(joint.laws, memory)
+        return packed(joint.laws, (none, none, memory))
 
-    none = jnp.zeros(LANES)
-    return none, none, jax.vmap(rest, axis_size=LANES)(joints)
+    return jax.vmap(rest, axis_size=LANES)(joints)
 
 
 def _none() -> _Totals:
@@ -326,8 +326,7 @@ def _marched(
         row, counts = piece.measured[sample], ends & (sample >= first)
 
         def of_lane(joint, gain, parts, state, totals):
-            y, v, memory = state
-            full = y, v, unpack_memories(joint.laws, memory)
+            full = unpacked(joint.laws, state)
             response = response_of(joint, order, full, gain * piece.samples[sample])
             residual = row[0] - response
             for k in range(NUM_DIRECTIONS):
@@ -338,7 +337,7 @@ def _marched(
                 totals.square + residual * residual,
                 tuple(x + row[1 + k] * residual for k, x in enumerate(totals.along)),
                 jnp.maximum(totals.peak, size),
-                jnp.maximum(totals.y_peak, jnp.where(ends, jnp.abs(y), 0.0)),
+                jnp.maximum(totals.y_peak, jnp.where(ends, jnp.abs(state[0]), 0.0)),
             )
             return added, response
 
@@ -352,7 +351,7 @@ def _marched(
         )
 
         def of_lane(stepping: Stepping, state: State) -> State:
-            return advance(stepping.step, state, stepping.push_of(powers), kinks="met")
+            return advance(stepping.step, state, stepping.push(powers), kinks="met")
 
         with unshared():  # all arguments are NumPy arrays on one device
             state = jax.vmap(of_lane)(stepping, state)

@@ -28,18 +28,13 @@ _LOOP_POINTS = 128  # number of moves along half a hysteresis loop
 _PERIOD_POINTS = 512
 
 
-def feels_rate(law: Law) -> bool:
-    """Return whether the force depends on the magnitude of the velocity, not only on its sign.
+@lru_cache(maxsize=1024)
+def feels_rate(force: Callable[..., Any], form: Any, shapes: tuple) -> bool:
+    """Return whether the force of a law with this tree form depends on the size of the velocity.
 
     A force that depends only on the sign of v has no such slope: it is equal in fast and slow
     motion.
     """
-    leaves, form = jax.tree.flatten(law)
-    return _form_feels_rate(type(law).force, form, tuple(jnp.shape(leaf) for leaf in leaves))
-
-
-@lru_cache(maxsize=1024)
-def _form_feels_rate(force: Callable[..., Any], form: Any, shapes: tuple) -> bool:
     is_felt = False
 
     @jax.custom_jvp

@@ -4,6 +4,7 @@ r"""Reconstruction of an input between its samples, $u(s) = \sum_j c_j s^j$ in e
 integration scheme: a measured record is band-limited, not a polygon.
 """
 
+from dataclasses import replace
 from math import comb
 from typing import Any, Literal, Self, get_args
 
@@ -50,7 +51,7 @@ class HeldInput(eqx.Module):
 
     def times(self, factor: Scalar) -> Self:
         """Return the same input with another gain; the polynomials stay the same."""
-        return eqx.tree_at(lambda held: held.gain, self, factor * self.gain)
+        return replace(self, gain=factor * self.gain)
 
     def pieces(self, substeps: int) -> tuple[Float[Array, " substep"], ...]:
         """Return the input's polynomials in all substeps without the gain; one row per power."""

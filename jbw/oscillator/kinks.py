@@ -47,11 +47,6 @@ class CubicPath(NamedTuple):
         return 2.0 * self.c_2 + 6.0 * s * self.c_3
 
 
-def hermite(start: Scalar, end: Scalar, rise: Scalar) -> CubicPath:
-    """Return the cubic path with given slopes at both ends and a given total displacement."""
-    return CubicPath(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
-
-
 class Corner(NamedTuple):
     """A displacement where the slope and curvature of a force's curve jump, with the jumps.
 
@@ -85,19 +80,6 @@ def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
     )
 
 
-def turning_point(turns: Bool[Array, "..."] | bool, path: CubicPath) -> tuple[Scalar, Scalar]:
-    r"""Return the fraction of a step at which its path turns, $y'(s) = 0$, and the curvature there.
-
-    Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ the one in (0, 1) is taken, for
-    slopes of opposite signs at the ends; s is 1 where the path does not turn. The square root is
-    half of |y''| there [m].
-    """
-    square = path.c_2**2 - 3.0 * path.c_1 * path.c_3
-    root = barrier(jnp.sqrt(jnp.where(turns, jnp.maximum(square, 1e-300), 1.0)))
-    s = path.c_1 / jnp.where(turns, signed(root, path.c_1) - path.c_2, 1.0)
-    return barrier(jnp.where(turns, s, 1.0)), 2.0 * root
-
-
 class StepPath(NamedTuple):
     """The displacement along a time step that may contain one turning point.
 
@@ -109,6 +91,7 @@ class StepPath(NamedTuple):
         before: Move from the start to the turning point [m].
         after: Move from the turning point to the end [m].
         quartic: Quartic term of the path [m].
+        sharpness: Absolute value of `bend` [m]; 2 if the path does not turn.
     """
 
     cubic: CubicPath
@@ -118,17 +101,29 @@ class StepPath(NamedTuple):
     before: Scalar
     after: Scalar
     quartic: Scalar
+    sharpness: Scalar
 
     @classmethod
     def through(cls, ends: Ends, quartic: Scalar) -> Self:
-        """Return the path with given slopes and displacement, and a quartic term if it turns."""
+        r"""Return the path with given slopes and displacement, and a quartic term if it turns.
+
+        Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ of the cubic's slope the one
+        in (0, 1) is the turning point, if the slopes at the ends have opposite signs. The square
+        root is half of |y''| there.
+        """
         start, end, rise = ends
         turns = jnp.asarray(start * end < 0.0)
-        cubic = barrier(hermite(*ends))
-        fraction, _ = turning_point(turns, cubic)
+        c_1, c_2, c_3 = cubic = barrier(
+            CubicPath(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
+        )
+        square = c_2**2 - 3.0 * c_1 * c_3
+        root = barrier(jnp.sqrt(jnp.where(turns, jnp.maximum(square, 1e-300), 1.0)))
+        s = c_1 / jnp.where(turns, signed(root, c_1) - c_2, 1.0)
+        fraction = barrier(jnp.where(turns, s, 1.0))
         weight = (fraction * (1.0 - fraction)) ** 2
         before = barrier(jnp.where(turns, cubic.move(fraction) + quartic * weight, rise))
-        return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, quartic)
+        bend = cubic.bend(fraction)
+        return cls(cubic, turns, fraction, bend, before, rise - before, quartic, 2.0 * root)
 
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
         """Return the fraction of the step where the path reaches `target`, before or after turning.
@@ -155,17 +150,6 @@ class StepPath(NamedTuple):
         move = self.cubic.move(s) + self.quartic * weight**2
         slope = self.cubic.slope(s) + 2.0 * self.quartic * weight * (1.0 - 2.0 * s)
         return s - (move - target) / jnp.where(slope == 0.0, 1.0, slope)
-
-
-def passage(
-    steady: Bool[Array, "..."] | bool, path: CubicPath, guess: Scalar, target: Scalar
-) -> Scalar:
-    """Return when a path reaches a displacement; return `guess` for a path with a turning point.
-
-    It takes one Newton step, with an error of O(h^3).
-    """
-    slope = jnp.where(steady, path.slope(guess), 1.0)
-    return barrier(guess - jnp.where(steady, (path.move(guess) - target) / slope, 0.0))
 
 
 class KinkImpulse(NamedTuple):

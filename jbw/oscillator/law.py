@@ -7,7 +7,8 @@ register of laws. One `Oscillator` may have several laws in parallel.
 The oscillator solves the linear part exactly, including the laws' stiffness at rest K. A law enters
 the time step only through its remainder $r = F - K y$, which is small and has few kinks. The
 methods `branch`, `remainder`, `glide`, `turn` and `shift` describe it there; their defaults need
-only `move`, `force` and `rate`.
+only `move`, `force` and `rate`. A law may also offer `follow`, a cheaper `move` for the many short
+displacements along a record.
 """
 
 from collections.abc import Callable, Mapping
@@ -50,7 +51,7 @@ class Law(eqx.Module):
         coordinates: Alternative parametrisations for sampling, by name; a class variable. A law
             with alternatives defines their `coordinate_bounds` about a fit, as `BoucWenLaw` does.
         degrades: Whether every cycle changes the joint permanently; a class variable. Tip, loop and
-            periodic force are then those of `undamaged`.
+            periodic force are then those of `undamaged()`, which such a law offers.
         is_even: Whether the force is `k_2` times y^2, which moves the mean; a class variable.
         stepped: Whether the time step supports the law; otherwise a stock solver integrates `rate`.
         depth: Number of reversals in the memory, 0 for most laws; few steps change it; see
@@ -79,16 +80,12 @@ class Law(eqx.Module):
 
     @classmethod
     def build(cls, theta: Mapping[str, Any]) -> Self:
-        """Return the law with the parameters of a dictionary, which may have other entries too."""
-        return cls(**{cls.fields.get(name, name): theta[name] for name in cls.names()})
-
-    @classmethod
-    def of(cls, theta: Mapping[str, Any]) -> Self:
-        """Return the law from a dictionary of its parameters or of its alternative coordinates."""
-        for coordinates in cls.coordinates.values():
+        """Return the law from its parameters or coordinates; `theta` may have other entries too."""
+        names = cls.names()
+        for coordinates in () if theta.keys() >= set(names) else cls.coordinates.values():
             if set(coordinates.names) <= theta.keys():
-                return cls.build(coordinates.to_parameters(theta))
-        return cls.build(theta)
+                theta = coordinates.to_parameters(theta)
+        return cls(**{cls.fields.get(name, name): theta[name] for name in names})
 
     def parameters(self) -> dict[str, Any]:
         """Return the law's parameter values by name, the inverse of `build`."""
@@ -133,17 +130,6 @@ class Law(eqx.Module):
         """
         return generic.move_by_rates(self, y, memory, dy)
 
-    def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """Return the internal state after one of the many short displacements along a record.
-
-        This is `move`, unless a law has a cheaper method than its exact move.
-        """
-        return self.move(y, memory, dy)
-
-    def undamaged(self) -> "Law":
-        """Return the law before damage; return the law itself if it does not degrade."""
-        return self
-
     def at_tip(self, y_peak: Scalar) -> Memory:
         """Return the internal state at the tip y = Y of the steady loop."""
         memory = self.move(0.0 * y_peak, self.at_rest(), y_peak)
@@ -153,7 +139,8 @@ class Law(eqx.Module):
     @property
     def feels_rate(self) -> bool:
         """Whether the force depends on the magnitude of the velocity, not only on its sign."""
-        return generic.feels_rate(self)
+        leaves, form = jax.tree.flatten(self)
+        return generic.feels_rate(type(self).force, form, tuple(jnp.shape(leaf) for leaf in leaves))
 
     def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         """Return the equivalent stiffness and damping of the steady loop at a frequency [rad/s].
@@ -295,16 +282,16 @@ def feels_rate(kind: type[Law]) -> bool:
     return kind.build(dict.fromkeys(kind.names(), 1.0)).feels_rate
 
 
-def pack_memories(laws: Any, memories: Any) -> Any:
-    """Return the laws' internal states as arrays for the time loop."""
-    return map_laws(lambda law, memory: law.packed(memory) if law.depth else memory, laws, memories)
+def packed(laws: Any, state: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+    """Return a state (y, v, memories) for the time loop, with all load reversals in one array."""
+    y, v, memories = state
+    return y, v, map_laws(lambda law, m: law.packed(m) if law.depth else m, laws, memories)
 
 
-def unpack_memories(laws: Any, memories: Any) -> Any:
-    """Return the laws' internal states as scalars, from arrays of the time loop."""
-    return map_laws(
-        lambda law, memory: law.unpacked(memory) if law.depth else memory, laws, memories
-    )
+def unpacked(laws: Any, state: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
+    """Return a state (y, v, memories) of the time loop with its load reversals as scalars."""
+    y, v, memories = state
+    return y, v, map_laws(lambda law, m: law.unpacked(m) if law.depth else m, laws, memories)
 
 
 def count_guesses(law: Law, memory: Memory) -> Scalar:

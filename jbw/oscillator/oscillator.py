@@ -73,7 +73,9 @@ class Oscillator(eqx.Module):
     def follow(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
         """Return the laws' internal states after one of the many short moves along a record."""
         pairs = zip(self.laws, memory, strict=True)
-        return tuple(law.follow(y, law_memory, dy) for law, law_memory in pairs)
+        return tuple(
+            getattr(law, "follow", law.move)(y, law_memory, dy) for law, law_memory in pairs
+        )
 
     def at_tip(self, y_peak: Scalar) -> tuple[Memory, ...]:
         """Return the laws' internal states at the tip y = Y of the steady loop."""
@@ -103,7 +105,8 @@ class Oscillator(eqx.Module):
     @property
     def undamaged(self) -> "Oscillator":
         """The oscillator before damage, with laws that have not yet degraded."""
-        return Oscillator(self.omega_n, self.zeta, tuple(law.undamaged() for law in self.laws))
+        laws = tuple(law.undamaged() if law.degrades else law for law in self.laws)  # pyright: ignore[reportAttributeAccessIssue]
+        return Oscillator(self.omega_n, self.zeta, laws)
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
         """Return the force k y + sum F [N/kg] along a slow path of displacement from rest."""
@@ -204,7 +207,7 @@ def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscil
     if are_at_joints(laws):
         forces = first_mode_laws(theta, laws)  # pyright: ignore[reportArgumentType]
     else:
-        forces = tuple(law.of(theta) for law in laws_named(laws))
+        forces = tuple(law.build(theta) for law in laws_named(laws))
     return Oscillator(theta["omega_n"], theta["zeta"], forces)
 
 

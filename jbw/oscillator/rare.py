@@ -76,7 +76,9 @@ def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
     def condition(met: Array, operands: Any, usual: Any) -> Any:
         def selected(operands: Any, usual: Any) -> Any:
             return jax.tree.map(
-                lambda new, old: jnp.where(_spread(met, new.ndim), new, old),
+                lambda new, old: jnp.where(
+                    jnp.expand_dims(met, tuple(range(met.ndim, new.ndim))), new, old
+                ),
                 rare_of_lanes(operands),
                 usual,
             )
@@ -94,7 +96,3 @@ def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
         return values, jax.tree.map(lambda value: True, values)
 
     return condition
-
-
-def _spread(met: Array, ndim: int) -> Array:
-    return met.reshape(met.shape + (1,) * (ndim - met.ndim))

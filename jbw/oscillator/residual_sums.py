@@ -16,9 +16,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jbw.oscillator.adjoint import packed, solve, unused_field
+from jbw.oscillator.adjoint import solve, unused_field
 from jbw.oscillator.hold import HeldInput
-from jbw.oscillator.law import unpack_memories
+from jbw.oscillator.law import packed, unpacked
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import HysteresisExact, Stepping, stepping
@@ -55,13 +55,8 @@ class Sums(NamedTuple):
     peak: Float[Array, "..."]
 
 
-class _Task(eqx.Module):
-    """The arguments of the time loop that sums a record's residual."""
-
-    stepping: Stepping
-    joint: Oscillator
-    force: Float[Array, " time"]
-    compared: Compared
+# The arguments of the time loop that sums a record's residual; the third are the input's samples.
+Task = tuple[Stepping, Oscillator, Float[Array, " time"], Compared]
 
 
 def residual_sums(
@@ -80,34 +75,36 @@ def residual_sums(
         The sums; up to rounding those of the response of `jbw.simulate`.
     """
     steps = stepping(joint, source, fs, substeps)
-    return _sums(substeps, _Task(steps, joint, source.u, compared))
+    return _sums(substeps, (steps, joint, source.u, compared))
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _sums(substeps: int, task: _Task) -> Sums:
+def _sums(substeps: int, task: Task) -> Sums:
     """Return the sums of residuals over the samples, accumulated in one time loop."""
-    rest = _at_rest(task)
+    stepping, joint, force, compared = task
+    rest = _at_rest(joint)
     none = jnp.zeros(())
     # The rows are passed one by one, because the loop would otherwise slice an array in every step.
-    task = eqx.tree_at(
-        lambda task: (task.compared.directions, task.compared.rows, task.compared.parts),
-        task,
-        tuple(map(tuple, (task.compared.directions, task.compared.rows, task.compared.parts))),
+    compared = eqx.tree_at(
+        lambda compared: (compared.directions, compared.rows, compared.parts),
+        compared,
+        tuple(map(tuple, (compared.directions, compared.rows, compared.parts))),
     )
-    square, along, peak = none, (none,) * len(task.compared.rows), none
+    task = stepping, joint, force, compared
+    square, along, peak = none, (none,) * len(compared.rows), none
     totals = _added(task, rest, jnp.zeros((), jnp.int32), (square, along, peak))
-    state = packed(task.stepping, rest)
+    state = packed(joint.laws, rest)
     solution = diffrax.diffeqsolve(
         diffrax.ODETerm(unused_field),
         _Summing(substeps),
         t0=0.0,
-        t1=task.stepping.num_steps / substeps,
+        t1=stepping.num_steps / substeps,
         dt0=1.0 / substeps,
         y0=tuple(jax.tree.leaves((state, totals))),
         args=task,
         saveat=diffrax.SaveAt(t1=True),
         adjoint=diffrax.ForwardMode(),
-        max_steps=task.stepping.num_steps,
+        max_steps=stepping.num_steps,
         throw=False,
     )
     tree = jax.tree.structure((state, totals))
@@ -121,20 +118,19 @@ def _sums_jvp(substeps, primals, tangents):
     return jax.jvp(partial(_of_trajectory, substeps), primals, tangents)
 
 
-def _of_trajectory(substeps: int, task: _Task) -> Sums:
+def _of_trajectory(substeps: int, task: Task) -> Sums:
     """Return the sums of residuals from stored states; unlike the time loop, differentiable."""
-    compared = task.compared
-    trajectory = solve(substeps, task.stepping, _at_rest(task))
-    response = response_of(task.joint, compared.order, trajectory, task.force)[compared.first :]
+    stepping, joint, force, compared = task
+    trajectory = solve(substeps, stepping, _at_rest(joint))
+    response = response_of(joint, compared.order, trajectory, force)[compared.first :]
     residual = compared.measured - response - compared.parts @ compared.directions
     peak = jnp.max(jnp.abs(response))
     return Sums(jnp.sum(residual**2), compared.rows @ residual, peak)
 
 
-def _at_rest(task: _Task) -> State:
+def _at_rest(joint: Oscillator) -> State:
     none = jnp.zeros(())
-    memory = jax.tree.map(lambda x: jnp.asarray(x, float), task.joint.at_rest())
-    return none, none, memory
+    return none, none, jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_rest())
 
 
 def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
@@ -145,12 +141,12 @@ def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
     return u - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - joint.force(y, v, memory)
 
 
-def _added(task: _Task, state: State, substep: Array, totals: Any, every: int = 1) -> Any:
+def _added(task: Task, state: State, substep: Array, totals: Any, every: int = 1) -> Any:
     """Add the residual to the sums if a measured sample is compared at the end of this substep."""
-    compared, (square, along, peak) = task.compared, totals
+    (_, joint, force, compared), (square, along, peak) = task, totals
     n = substep // every
     counts = (substep % every == 0) & (n >= compared.first)
-    response = response_of(task.joint, compared.order, state, task.force[n])
+    response = response_of(joint, compared.order, state, force[n])
     i = jnp.maximum(n - compared.first, 0)
     residual = compared.measured[i] - response
     for part, row in zip(compared.parts, compared.directions, strict=True):
@@ -168,17 +164,15 @@ class _Summing(HysteresisExact):
 
     substeps: int
 
-    def step(self, terms, t0, t1, y0, args: _Task, *progress):
+    def step(self, terms, t0, t1, y0, args: Task, *progress):
         """Advance by one substep, and add the residual at its end to the sums."""
-        rest = packed(args.stepping, _at_rest(args))
-        count = len(jax.tree.leaves(rest))
-        state, totals = y0[:count], y0[count:]
-        ends, *_, following, result = super().step(terms, t0, t1, state, args.stepping, *progress)
-        size = len(args.compared.rows)
+        stepping, joint, _, compared = args
+        rest = jax.tree.structure(packed(joint.laws, _at_rest(joint)))
+        state, totals = y0[: rest.num_leaves], y0[rest.num_leaves :]
+        ends, *_, following, result = super().step(terms, t0, t1, state, stepping, *progress)
+        size = len(compared.rows)
         totals = totals[0], totals[1 : 1 + size], totals[1 + size]
-        laws = args.stepping.step.laws
-        y, v, memory = jax.tree.unflatten(jax.tree.structure(rest), ends)
-        memory = unpack_memories(laws, memory)
-        totals = _added(args, (y, v, memory), following, totals, self.substeps)
+        state = unpacked(joint.laws, jax.tree.unflatten(rest, ends))
+        totals = _added(args, state, following, totals, self.substeps)
         y1 = (*ends, *jax.tree.leaves(totals))
         return y1, None, dict(y0=y0, y1=y1), following, result

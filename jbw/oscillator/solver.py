@@ -4,7 +4,7 @@ Time is counted in samples, $\tau = t f_s$, so that no rounding of 1/fs accumula
 `HysteresisExact` steps with the laws' own moves; stock solvers integrate `oscillate`.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from typing import Any, ClassVar, NamedTuple
 
 import diffrax
@@ -15,20 +15,15 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.oscillator.hold import HeldInput
-from jbw.oscillator.law import pack_memories
+from jbw.oscillator.law import packed
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import ExactStep, Push, State, added, advance, exact_step
 
+# The constants of a time step, and the effect of the input in every substep.
+Pushed = tuple[Any, Any]
 # An adaptive solver fails if it needs more than this number of steps per sample, on average.
 _MAX_STEPS_PER_SAMPLE = 64
-
-
-class Pushed(NamedTuple):
-    """The constants of a time step, and the effect of the input in every substep."""
-
-    step: Any
-    push: Any
 
 
 class Stepping(eqx.Module):
@@ -55,24 +50,24 @@ class Stepping(eqx.Module):
         """The number of substeps of the record."""
         return self.pieces[0].shape[0]
 
-    def push(self, substep: Array) -> Push:
-        """Return the input's effect on y [m] and v [m/s] in a substep, and the input [N/kg]."""
-        return self.push_of(tuple(piece[substep] for piece in self.pieces))
-
-    def push_of(self, powers: tuple[Scalar, ...]) -> Push:
-        """Return the effect of an input polynomial on y and v, and the input at the start."""
+    def push(self, powers: tuple[Scalar, ...]) -> Push:
+        """Return the effect of an input polynomial on y [m] and v [m/s], and the input [N/kg]."""
         start = self.gain * powers[0]
-        push = weighted(self.on_y, powers), weighted(self.on_v, powers), start
-        return (*push, self.gain * added(powers)) if self._is_damped else push
+        # The time loop is one native call only if it contains no small dot products.
+        on_y, on_v = (
+            added(weight * power for weight, power in zip(weights, powers, strict=True))
+            for weights in (self.on_y, self.on_v)
+        )
+        return (on_y, on_v, start, *([self.gain * added(powers)] if self._is_damped else []))
 
-    def pushed(self) -> "Pushed":
-        """Return the effect of the input in all substeps at once, as arrays for derivatives."""
+    def pushed(self) -> Pushed:
+        """Return the constants of a step, and the effect of the input in all substeps at once."""
         count = len(self.pieces)
         weights = [
             jnp.stack(self.on_y), jnp.stack(self.on_v), self.gain * np.eye(1, count)[0],
             *([self.gain * np.ones(count)] if self._is_damped else []),
         ]  # fmt: skip
-        return Pushed(self.step, tuple(jnp.stack(weights) @ jnp.stack(self.pieces)))
+        return self.step, tuple(jnp.stack(weights) @ jnp.stack(self.pieces))
 
     @property
     def _is_damped(self) -> bool:
@@ -89,14 +84,6 @@ def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int)
         for moments in (moments_y, moments_v)
     )
     return Stepping(step, on_y, on_v, held.gain, pieces)
-
-
-def weighted(weights: Iterable[Scalar], powers: Iterable[Any]) -> Any:
-    """Return the sum of the products of weights and powers, without a dot product.
-
-    The time loop is one native call only if it contains no small dot products.
-    """
-    return added(weight * power for weight, power in zip(weights, powers, strict=True))
 
 
 def sampled_input(held: HeldInput, tau: Scalar) -> Scalar:
@@ -150,11 +137,11 @@ class HysteresisExact(diffrax.AbstractSolver):
     def step(self, terms, t0, t1, y0, args: Stepping, *progress):
         """Advance by one substep; diffrax expects the other returned values."""
         substep, _ = progress
-        push = args.push(substep)
+        push = args.push(tuple(piece[substep] for piece in args.pieces))
         # The state is a flat tuple, because springs have an empty internal state.
         laws = args.step.laws
-        memory = pack_memories(laws, tuple(law.at_rest() for law in laws))
-        state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)
+        at_rest = packed(laws, (0.0, 0.0, tuple(law.at_rest() for law in laws)))
+        state = jax.tree.unflatten(jax.tree.structure(at_rest), y0)
         y1 = tuple(jax.tree.leaves(advance(args.step, state, push, kinks="met")))
         dense_info = dict(y0=y0, y1=y1)
         return y1, None, dense_info, substep + 1, diffrax.RESULTS.successful

@@ -172,13 +172,9 @@ def _remainder(
     for law, memory in zip(step.laws, memories, strict=True):
         if law.feels_rate:
             drag = generic.drag(law, y, v, memory)
-            rate = rate + step.dt * drag * _acceleration(step, y, v, r, u)
+            a = u - step.damping * v - step.stiffness * y - r  # acceleration
+            rate = rate + step.dt * drag * a
     return r, rate
-
-
-def _acceleration(step: ExactStep, y: Scalar, v: Scalar, r: Scalar, u: Scalar) -> Scalar:
-    """Return the acceleration under the input u and the forces r = F - K y [m/s^2]."""
-    return u - step.damping * v - step.stiffness * y - r
 
 
 @jax.jit  # traced once for all programs that step a law, because its trace is long
@@ -192,7 +188,7 @@ def _through_kinks(
     step, state, branches, u, y_1, v_1 = start
     y, v, _ = state
     r, _ = _remainder(step, state, branches, u)
-    a = barrier(_acceleration(step, y, v, r, u))
+    a = barrier(u - step.damping * v - step.stiffness * y - r)  # acceleration
     # W_2 is the difference b - a of the corrector's constants.
     weights = step.a_y - step.b_y, step.a_v - step.b_v
     end, (shift_y, shift_v) = through_kinks(

@@ -26,7 +26,7 @@ from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.laws.relaxation import phi, unloading_lag
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.parameters import Hysteresis, Scalar
-from jbw.oscillator.steady.waveform import gauss_legendre_between
+from jbw.oscillator.steady.waveform import gauss_legendre
 
 Path = Literal[1, 2, 3, 4]
 Variant = Literal["least_squares", "chebyshev", "taylor_least_squares", "printed", "printed_closed"]
@@ -355,7 +355,7 @@ def smoothing_error(
     require_closed_form(joint)
     y_peak = jnp.asarray(y_peak, float)
     y_open = _threshold(joint, y_peak, y_open)
-    s, weights = gauss_legendre_between(_NUM_NODES, -1.0, jnp.asarray(y_open / y_peak), 1.0)
+    s, weights = gauss_legendre(_NUM_NODES, -1.0, jnp.asarray(y_open / y_peak), 1.0)
     broadcast = Smoothing(*(jnp.asarray(x)[..., None] for x in jax.tree.leaves(polynomial)))
     alpha, delta, gamma, peak, y_0 = (
         jnp.asarray(x)[..., None] for x in (joint.alpha, joint.delta, joint.gamma, y_peak, y_open)
@@ -368,7 +368,7 @@ def smoothing_error(
 def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
     """Return coefficients of the smoothed force from Legendre polynomials P_0..P_3 of the lag."""
     # The integral is split at the threshold, because the lag has a kink there.
-    s, weights = gauss_legendre_between(_NUM_NODES, -1.0, eta, 1.0)
+    s, weights = gauss_legendre(_NUM_NODES, -1.0, eta, 1.0)
     lost = weights * unloading_lag(s, *(x[..., None] for x in (eta, d, g)))
     basis = (1.0, s, 1.5 * s**2 - 0.5, 2.5 * s**3 - 1.5 * s)
     p_0, p_1, p_2, p_3 = ((n + 0.5) * jnp.sum(lost * p, -1) for n, p in enumerate(basis))
@@ -377,7 +377,7 @@ def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:
 
 def _chebyshev(d: Array, g: Array, eta: Array) -> Coefficients:
     """Return coefficients of the smoothed force from a Chebyshev series T_0..T_3 of the lag."""
-    theta, weights = gauss_legendre_between(_NUM_NODES, 0.0, jnp.arccos(eta), jnp.pi)
+    theta, weights = gauss_legendre(_NUM_NODES, 0.0, jnp.arccos(eta), jnp.pi)
     lost = weights * unloading_lag(jnp.cos(theta), *(x[..., None] for x in (eta, d, g)))
     t_0, t_1, t_2, t_3 = (2.0 / jnp.pi * jnp.sum(lost * jnp.cos(n * theta), -1) for n in range(4))
     return eta + 0.5 * t_0 - t_2, 1.0 - t_1 + 3.0 * t_3, -2.0 * t_2, -4.0 * t_3

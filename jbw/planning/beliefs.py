@@ -21,6 +21,7 @@ from jbw.inference.space.box import Box, bounds_about, box
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.oscillator.modes.parameters import NAMES, own_quantities
 from jbw.quantities import DEFAULT_LAWS, MODAL
+from jbw.results.attributes import StoredVariable
 from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_names, thin
 
 # Factor by which a single stated value may be wrong. It is two, but much less for the natural
@@ -59,6 +60,16 @@ class Beliefs:
     def num_joints(self) -> int:
         """The number of drawn joints, each of which may be the true one."""
         return len(self.scale)
+
+    @property
+    def omega_n(self) -> Float[np.ndarray, " joint"]:
+        """The natural frequency of every drawn joint [rad/s]."""
+        return np.asarray(self.joints["omega_n"])
+
+    @property
+    def gain(self) -> Float[np.ndarray, " joint"]:
+        """The size of the gain; its sign does not change the motion."""
+        return np.abs(self.joints["gain"])
 
     def joint_by_joint(self) -> Iterator[dict[str, Array]]:
         """Yield the parameters of each drawn joint in turn, by name."""
@@ -213,6 +224,4 @@ def after(tree: xr.DataTree, *, held: Mapping[str, float], num_joints: int) -> B
 
 def _bounds(values: xr.DataArray, mean: float) -> Range:
     """Return a parameter's prior bounds, as the run states them, or a wide range about the mean."""
-    if "lower" in values.attrs and "upper" in values.attrs:
-        return float(values.attrs["lower"]), float(values.attrs["upper"])
-    return bounds_about(mean, 1 / UNBOUNDED, UNBOUNDED)
+    return StoredVariable.of(values).bounds or bounds_about(mean, 1 / UNBOUNDED, UNBOUNDED)

@@ -5,7 +5,6 @@ that reaches the wanted coefficient of variation (CV); then tests are combined. 
 relative changes, so that standard deviations are CVs.
 """
 
-import json
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -37,6 +36,7 @@ from jbw.planning.proposals import Reach, default_grids, displacement_for, propo
 from jbw.planning.prospects import Prospect, prospects
 from jbw.quantities import UNIT_OF, in_dialect
 from jbw.report.messages import planning
+from jbw.results.attributes import DrawnPosterior, PredictedTest, StoredVariable
 
 ADMITTED = ("ok", "too few")  # statuses that candidate tests of a combination may have
 RESPONSE_OF = {unit: response for response, unit in UNIT_OF.items()}
@@ -205,21 +205,20 @@ def rig_of(tree: xr.DataTree) -> Rig:
     """Return a run's rig from its result, as stored in `posterior.nc`."""
     verified = "verification" in tree.children
     tests = [node.to_dataset() for node in tree["verification"].subtree] if verified else []
-    seen = json.loads(str(tree.attrs.get("tests", "{}")))
-    units = [str(test.attrs.get("level_unit", "")) for test in tests]
-    units += [str(facts.get("source", "")) for facts in seen.values()]
+    stored = DrawnPosterior.of(tree)
+    units = [PredictedTest.of(test).level_unit for test in tests]
+    units += [str(facts.get("source", "")) for facts in stored.tests.values()]
     rates = [
         1 / float(np.median(np.diff(test["time"])))
         for test in tests
         if test.sizes.get("time", 0) > 1
     ]
-    y_peak = float(tree.attrs.get("y_peak", 0.0))
     return Rig(
         noise=_noise(posterior_draws(tree)),
         fs=float(f"{np.median(rates):.10g}") if rates else None,
         input_unit=next((unit for unit in units if unit in INPUT_UNITS), None),
-        y_peak=y_peak if y_peak > 0 else None,
-        held=json.loads(str(tree.attrs.get("held", "{}"))),
+        y_peak=stored.y_peak or None,
+        held=stored.held,
     )
 
 
@@ -228,7 +227,7 @@ def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
     # Omit the noise of free decays (which are filtered) and of harmonics, because it is not the
     # noise of one sample.
     for name, values in posterior.data_vars.items():
-        response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
+        response = RESPONSE_OF.get(in_dialect(StoredVariable.of(values).units))
         sampled = str(values.dims[-1]).startswith("level")
         if str(name).startswith("noise_std") and sampled and response is not None:
             return ResponseNoise(float(values.median()), response)

@@ -220,7 +220,7 @@ def _tones(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[PlannedTone
     third = _natural(beliefs) / 3
     frequencies = grid.frequencies or tuple(_rounded(share * third) for share in THIRDS)
     # Far below its resonance, the structure responds like a spring to a force.
-    omega_n, gain = beliefs.joints["omega_n"], np.abs(beliefs.joints["gain"])
+    omega_n, gain = beliefs.omega_n, beliefs.gain
     per_metre = float(np.min(np.abs(omega_n**2 - (2 * np.pi * max(frequencies)) ** 2) / gain))
     levels = grid.levels or _within([per_metre * y for y in reach.goals], reach)
     settle, dwell = _times(grid, beliefs)
@@ -242,7 +242,7 @@ def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Plan
     lowest = LEAST_SHARE * reach.max_displacement
     usual = tuple(_rounded(y) for y in np.geomspace(lowest, reach.max_displacement, NUM_POINTS))
     amplitudes = grid.amplitudes or usual
-    natural, gain = _natural(beliefs), np.abs(beliefs.joints["gain"])
+    natural, gain = _natural(beliefs), beliefs.gain
     settle = _decay(beliefs) if grid.settle is None else grid.settle
     dwell = settle + _rounded(READ_PERIODS / natural) if grid.dwell is None else grid.dwell
     level = float(np.median(_resonance(beliefs, max(amplitudes)).amplitude / gain))
@@ -264,7 +264,7 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
     The lowest resonance is that at the largest displacement, the highest that of small motion.
     """
     sliding = _resonance(beliefs, reach.max_displacement).omega
-    sticking = beliefs.joints["omega_n"]
+    sticking = beliefs.omega_n
     width = BANDWIDTHS * float(np.max(beliefs.joints["zeta"] * sticking))
     ends = min(sliding.min(), sticking.min()) - width, max(sliding.max(), sticking.max()) + width
     return tuple(_rounded(w / (2 * np.pi), 5) for w in np.linspace(*ends, NUM_STEPS))
@@ -272,8 +272,7 @@ def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
 
 def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
     """Return input levels that move the most responsive drawn joint to the wanted displacements."""
-    gain = np.abs(beliefs.joints["gain"])  # The sign of the gain does not change the motion.
-    return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in reach.goals]
+    return [float(np.min(_resonance(beliefs, y).amplitude / beliefs.gain)) for y in reach.goals]
 
 
 def _resonance(beliefs: Beliefs, y: float) -> Resonances:
@@ -302,11 +301,11 @@ def _times(grid: TonesTable, beliefs: Beliefs) -> tuple[float, float]:
 
 def _decay(beliefs: Beliefs) -> float:
     """Return the time [s] in which the least damped of the drawn joints decays to a thousandth."""
-    return _rounded(float(np.max(DECAY / (beliefs.joints["zeta"] * beliefs.joints["omega_n"]))))
+    return _rounded(float(np.max(DECAY / (beliefs.joints["zeta"] * beliefs.omega_n))))
 
 
 def _natural(beliefs: Beliefs) -> float:
-    return float(np.median(beliefs.joints["omega_n"]) / (2 * np.pi))
+    return float(np.median(beliefs.omega_n) / (2 * np.pi))
 
 
 def _rounded(value: float, digits: int = DIGITS) -> float:

@@ -16,6 +16,7 @@ from jbw.population.prediction import NUM_UNITS, new_units, y_peak_of
 from jbw.population.unit import NOISE
 from jbw.quantities import BY_NAME, CONSTANT_TERMS, RESIDUAL_TERMS
 from jbw.report.result import require_finite
+from jbw.results.attributes import DrawnPosterior, StoredFleet
 from jbw.run.netcdf import read_tree
 from jbw.verification.predict import Request, predict
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
@@ -84,7 +85,7 @@ def new_unit(
     residual terms that every unit has are included; others are left out, and predictions name them.
     """
     draws = new_units(population, fleet, torque, seed=seed, num=num)
-    units = json.loads(fleet.attrs["units"])
+    units = StoredFleet.of(fleet).units
     variables: dict[str, Any] = {
         name: (("chain", "draw"), values[None], {"units": units.get(name, "1")})
         for name, values in draws.items()
@@ -156,20 +157,18 @@ def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> 
     `basis_of` reads them; tests are those of all measured units, not of the new unit.
     """
     names = unit_names(fleet)
-    attrs = [fleet[name].attrs for name in names]
+    units = [DrawnPosterior.of(fleet[name]) for name in names]
     seen = {}
-    for name, unit_attrs in zip(names, attrs, strict=True):
-        for test, facts in json.loads(unit_attrs.get("tests", "{}")).items():
+    for name, unit in zip(names, units, strict=True):
+        for test, facts in unit.tests.items():
             family = f"{name}: {facts['family']}" if facts.get("family") else ""
             seen[f"{name}: {test}"] = {**facts, "family": family}
-    scatter = [
-        np.atleast_1d(unit_attrs["scatter"]) for unit_attrs in attrs if "scatter" in unit_attrs
-    ]
+    scatter = [unit.scatter for unit in units if unit.scatter]
     y_peak, at = y_peak_of(fleet), torque_of(population, torque)
     return {
         "laws": json.dumps(laws_of(fleet)),
         "tests": json.dumps(seen),
-        "substeps": max(int(unit_attrs.get("substeps", 1)) for unit_attrs in attrs),
+        "substeps": max(unit.substeps or 1 for unit in units),
         "y_peak": y_peak if np.isfinite(y_peak) else 0.0,
         **({"scatter": np.sqrt(np.mean(np.square(scatter), axis=0))} if scatter else {}),
         **({} if at is None else {"torque": at}),

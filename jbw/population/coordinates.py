@@ -1,6 +1,5 @@
 """The logarithmic coordinates in which a fleet is pooled, and each unit's posterior in them."""
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -13,6 +12,7 @@ from jbw.oscillator.law import Law
 from jbw.oscillator.laws import laws_named
 from jbw.population.model import UnitPosteriors
 from jbw.population.unit import GAIN
+from jbw.results.attributes import StoredFleet
 
 STRUCTURE = ("omega_n", "zeta")
 NUM_KEPT = 400  # number of draws that are kept of each unit, evenly spaced among all its draws
@@ -89,7 +89,7 @@ def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
 
 def laws_of(fleet: xr.DataTree) -> tuple[str, ...]:
     """Return the names of the fleet's laws."""
-    return tuple(json.loads(fleet.attrs["laws"]))
+    return StoredFleet.of(fleet).laws
 
 
 def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
@@ -138,7 +138,7 @@ def _independent_of(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str])
 
 def _require_held(fleet: xr.DataTree, name: str) -> None:
     held = [str(parameter) for parameter in fleet.coords["parameter"].values]
-    if lacking := json.loads(fleet.attrs["left_out"]).get(name):
+    if lacking := StoredFleet.of(fleet).left_out.get(name):
         raise DataError(
             f"{name} has no logarithm in {', '.join(lacking)}: it is unknown or not positive.",
             remedy=f"Pool quantities other than {name} with --parameters, or leave out "

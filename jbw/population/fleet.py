@@ -73,6 +73,7 @@ from jbw.errors import DataError, RunError
 from jbw.population.covariates import NUMBERS, Covariates, covariates_of, require_torque_of_all
 from jbw.population.unit import GAIN, NOISE, Unit, require_alike, units_of
 from jbw.report.messages import population as messages
+from jbw.results.attributes import StoredFleet
 from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.study import Study
 
@@ -151,7 +152,7 @@ def read_fleet(path: str | Path) -> xr.DataTree:
         tree = read_tree(path)
     except OSError as cause:
         raise DataError(f"The fleet {path} cannot be read: {cause}", remedy=remedy) from cause
-    if tree.attrs.get("format") != FORMAT or "unit" not in tree.coords:
+    if StoredFleet.of(tree).format != FORMAT or "unit" not in tree.coords:
         raise DataError(f"{path} contains no fleet of format {FORMAT}.", remedy=remedy)
     return tree
 

@@ -18,7 +18,6 @@ Reference:
     Vehtari, Gelman and Gabry (2017), Statistics and Computing 27, 1413.
 """
 
-import json
 import logging
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
@@ -60,6 +59,7 @@ from jbw.population.prior import (
 from jbw.population.trend import bent, expected, mask_of
 from jbw.population.unit import GAIN
 from jbw.report.messages import population as messages
+from jbw.results.attributes import StoredFleet
 from jbw.results.population import StoredPopulation
 
 logger = logging.getLogger("jbw")
@@ -338,7 +338,8 @@ def _rows(
     fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, draws: Draws
 ) -> dict[str, dict[str, Any]]:
     """Return a population's table, one row per coordinate: mean, variation and exponents."""
-    units, symbols = (json.loads(fleet.attrs[key]) for key in ("units", "symbols"))
+    stored = StoredFleet.of(fleet)
+    units, symbols = stored.units, stored.symbols
     line, tau = draws["line"], draws["tau"]
     ratio = own_over_scatter(pooled, draws).max(axis=0)
     rows = {}
@@ -406,7 +407,7 @@ def _correlation(design: CovariateDesign) -> float | None:
 
 def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:
     """Return parameters that are unknown or not positive in some units, with these units."""
-    lacking = json.loads(fleet.attrs["left_out"])
+    lacking = StoredFleet.of(fleet).left_out
     return {n: lacking[n] for n in parameters_of(fleet) if n in lacking and n != GAIN}
 
 

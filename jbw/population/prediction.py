@@ -9,6 +9,7 @@ from jbw.population.coordinates import laws_of, unit_names
 from jbw.population.population import Population, require_torque
 from jbw.population.trend import expected
 from jbw.population.unit import GAIN
+from jbw.results.attributes import DrawnPosterior
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predicted import carry
@@ -108,7 +109,7 @@ def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
 
 def y_peak_of(fleet: xr.DataTree) -> float:
     """Return the displacement [m] that all units' tests reach; NaN if no unit states it."""
-    peaks = np.array([fleet[name].attrs.get("y_peak", np.nan) for name in unit_names(fleet)], float)
+    peaks = np.array([DrawnPosterior.of(fleet[name]).y_peak for name in unit_names(fleet)], float)
     return float(np.min(peaks[np.isfinite(peaks)], initial=np.inf)) if np.any(peaks > 0) else np.nan
 
 

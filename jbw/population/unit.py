@@ -1,6 +1,5 @@
 """One run as a unit of a fleet: its draws of the joint in SI, and the checks that units agree."""
 
-import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -17,6 +16,7 @@ from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity, are_at_joints
 from jbw.report.result import laws_of, read_result, unit_of
+from jbw.results.attributes import DrawnPosterior, StoredVariable
 from jbw.results.run import RunSummary
 from jbw.study.study import Study
 from jbw.verification.predicted import noise_by_label
@@ -129,19 +129,20 @@ def _unit(name: str, folder: Path | None, summary: RunSummary, tree: xr.DataTree
                 remedy=f"Identify the campaign of {name} with bounds for `{quantity}` in "
                 "[identify.prior].",
             )
-    bounds = {n: (float(a["lower"]), float(a["upper"])) for n, a in attrs.items() if "lower" in a}
-    runs = np.atleast_1d(tree.attrs.get("scatter", ())).tolist()
-    scatter = {n: s / float(draws[n].mean()) for n, s in zip(OFFSETS, runs, strict=False)}
+    stated_bounds = {n: StoredVariable.of(posterior[n]).bounds for n in attrs}
+    bounds = {n: pair for n, pair in stated_bounds.items() if pair is not None}
+    stored = DrawnPosterior.of(tree)
+    scatter = {n: s / float(draws[n].mean()) for n, s in zip(OFFSETS, stored.scatter, strict=False)}
     origin = {
         "campaign": summary.campaign,
         "folder": str(folder or ""),
         "source": summary.campaign_file or "",
-        "y_peak": float(tree.attrs.get("y_peak", np.nan)),
+        "y_peak": float("nan") if stored.y_peak is None else stored.y_peak,
         **{name: tree.attrs[name] for name in STARTS if name in tree.attrs},
     }
     return Unit(
         name, laws, draws, quantities, bounds, scatter, summary, origin,
-        _gain(draws, json.loads(str(tree.attrs.get("held", "{}")))), noise_by_label(posterior),
+        _gain(draws, stored.held), noise_by_label(posterior),
         {term.name: np.ravel(posterior[term.name].values) for term in RESIDUAL_TERMS
          if term.name in posterior},
     )  # fmt: skip

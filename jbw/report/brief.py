@@ -30,6 +30,7 @@ from jbw.report.style import GREEN, INK, ORANGE, RC, SOFT, VERMILLION
 from jbw.report.tables import every_test, tests_of_records
 from jbw.report.text import NOTHING, interval, length_unit, number, percent, unit_text
 from jbw.report.words import badge, in_symbols, law_words
+from jbw.results.attributes import StoredBackbone
 from jbw.results.run import RunSummary, StoredTest
 
 WIDTH, HEIGHT = 8.27, 11.69  # A4 [in]
@@ -161,7 +162,7 @@ def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
 def _levels(tree: xr.DataTree) -> Cells:
     """Return a table of frequency, damping and Q at fractions of the largest amplitude."""
     curve = tree[BACKBONE].to_dataset()
-    y_peak = float(curve.attrs["y_fitted"])
+    y_peak = StoredBackbone.of(curve).y_fitted
     factor, unit = length_unit(y_peak)
     at = curve.interp(amplitude=[part * y_peak for part in PARTS])
     frequency, damping = (

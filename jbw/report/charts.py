@@ -38,6 +38,7 @@ from jbw.report.result import (
 )
 from jbw.report.style import MODEL, shade
 from jbw.report.text import axis_label
+from jbw.results.attributes import PredictedTest
 
 # largest number of samples of a record, around its largest response, that a browser moves smoothly
 LONGEST = 12000
@@ -184,10 +185,10 @@ def _forced_loops(tree: xr.DataTree) -> Drawn:
 def _groups(tree: xr.DataTree) -> Drawn:
     """Draw tests of kinds that extensions added, with one chart per group of values."""
     for _, name, test in verified(tree, "axis"):
-        axis = str(test.attrs["axis"])
-        kind = str(test.attrs.get("kind", "response")).replace("_", " ")
+        facts = PredictedTest.of(test)
+        axis, kind = facts.axis, (facts.kind or "response").replace("_", " ")
         labels = {"xlabel": axis_label(axis, unit_of(test[axis]))}
-        quantity = str(test.attrs.get("quantity", kind))
+        quantity = facts.quantity or kind
         labels["ylabel"] = axis_label(quantity, unit_of(test["measured"]))
         for label, group in test.groupby("group"):
             ordered, ax = group.sortby(axis), _blank(**labels)

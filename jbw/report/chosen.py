@@ -5,6 +5,7 @@ from typing import Literal
 import xarray as xr
 
 from jbw.errors import ConfigError, DataError
+from jbw.results.attributes import PredictedTest
 
 MOST = 3  # largest number of tests that a figure draws side by side
 Tests = list[tuple[str, xr.Dataset]]
@@ -39,9 +40,8 @@ def chosen_names(tests: Tests) -> set[str]:
     """
     first: dict[tuple[bool, str, float], str] = {}
     for name, test in tests:
-        is_fitted = bool(test.attrs.get("fitted", 1))
-        kind, level = str(test.attrs.get("kind", "")), float(test.attrs.get("level", 0.0))
-        first.setdefault((is_fitted, kind, level), name)
+        facts = PredictedTest.of(test)
+        first.setdefault((facts.is_fitted, facts.kind, facts.level or 0.0), name)
     fitted, held_out = ([name for key, name in first.items() if key[0] == x] for x in (True, False))
     ends = fitted or held_out
     middle = held_out[len(held_out) // 2 :][:1]

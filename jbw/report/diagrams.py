@@ -26,6 +26,7 @@ from jbw.report.result import (
 )
 from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, title
 from jbw.report.text import NOTHING, number, percent, plain, quantity, shown_as, spread_text
+from jbw.results.attributes import StoredLineFit
 
 # for each law with memory: the symbol of the initial stiffness of its force, and the equation for
 # the rate of this force
@@ -208,12 +209,12 @@ def _draw(ax: Axes, box: StepBox, top: float) -> None:
 
 def _line_fit(tree: xr.DataTree) -> list[StepOutcome]:
     step = node(tree, "steps/linear")
-    if step is None or "pooled_omega_n" not in step.attrs:
+    if step is None or (facts := StoredLineFit.of(step)).pooled_omega_n is None:
         return []
-    hertz = float(step.attrs["pooled_omega_n"]) / (2 * np.pi)
+    hertz = facts.pooled_omega_n / (2 * np.pi)
     words = f"fₙ = {number(hertz, digits=5)} Hz"
-    if "pooled_zeta" in step.attrs:
-        words += f", ζ = {percent(step.attrs['pooled_zeta'])}"
+    if facts.pooled_zeta is not None:
+        words += f", ζ = {percent(facts.pooled_zeta)}"
     repeats = step.sizes.get("repeat", 0)
     records = f"{repeats} repeats" if repeats > 1 else "1 record"
     return [StepOutcome(words, records if repeats else "")]

@@ -19,6 +19,7 @@ from jbw.report.style import LEVELS, SOFT, Panels, draw_model, finish, panels, s
 from jbw.report.table import Column, table
 from jbw.report.text import axis_label, length_unit, plain
 from jbw.report.words import Badge
+from jbw.results.attributes import StoredBackbone
 from jbw.results.laws import StoredLaws
 
 LOOKS = [(colour, dashes) for dashes in ("-", "--", ":") for colour in LEVELS]
@@ -55,7 +56,7 @@ def laws_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
-    amplitude, y_fitted = 1e3 * arrays(curves, "amplitude")[0], curves.attrs["y_fitted"]
+    amplitude, y_fitted = 1e3 * arrays(curves, "amplitude")[0], StoredBackbone.of(curves).y_fitted
     # A comparison made by an earlier version lacks this entry.
     hopeless = curves.get("hopeless", xr.zeros_like(curves["law"], bool))
     for panel, name, unit, scale in (
@@ -148,7 +149,7 @@ def law_backbones(
     curves = tree["curves"].to_dataset()
     best = curves.sel(law=law_order(record)[0])
     points = measured_points(tree, best)
-    y_fitted = float(curves.attrs["y_fitted"])
+    y_fitted = StoredBackbone.of(curves).y_fitted
     factor, unit = length_unit(y_fitted)
     amplitude, end = factor * arrays(curves, "amplitude")[0], factor * y_fitted
     axes = panels(ax, len(laws), 2, height=0.6 + LAW_ROW * len(laws), sharex="all", sharey="col")

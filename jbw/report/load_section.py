@@ -12,6 +12,7 @@ from jbw.report.loads import load_figure
 from jbw.report.messages import loads as messages
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, number
+from jbw.results.attributes import StoredVariable
 from jbw.results.loads import LoadNumber
 from jbw.run.files import hash_of
 from jbw.run.netcdf import read_tree
@@ -77,10 +78,11 @@ def load_rows(name: str, dataset: xr.Dataset) -> list[LoadNumber]:
         if values.dims not in (("quantile",), ("quantile", "level")):
             continue
         columns = values.values.reshape(3, -1).T
+        unit = StoredVariable.of(values).units
         levels = dataset["level"].values if "level" in values.dims else [None]
         for level, (low, median, high) in zip(levels, columns, strict=True):
             entry = {"load": name, "level": level, "level_unit": level_unit, "quantity": str(key)}
-            ends = {"low": low, "median": median, "high": high, "unit": values.attrs["units"]}
+            ends = {"low": low, "median": median, "high": high, "unit": unit}
             rows.append(LoadNumber(**entry, **ends))
     return rows
 

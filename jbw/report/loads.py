@@ -10,6 +10,7 @@ from jbw.report.messages import loads as messages
 from jbw.report.result import arrays
 from jbw.report.style import Panels, draw_model, finish, log_y, panels, shade, title
 from jbw.report.text import axis_label, plain
+from jbw.results.attributes import StoredVariable
 
 BAND = "99 % band"
 
@@ -25,7 +26,8 @@ def load_figure(name: str, dataset: xr.Dataset) -> Panels:
 
 
 def _label(values: xr.DataArray) -> str:
-    return axis_label(str(values.attrs.get("long_name", values.name)), values.attrs["units"])
+    facts = StoredVariable.of(values)
+    return axis_label(facts.long_name or str(values.name), facts.units)
 
 
 def _curve(dataset: xr.Dataset) -> Panels:
@@ -45,7 +47,7 @@ def _notch(dataset: xr.Dataset) -> Panels:
     draw_model(ax, freq, allowed, "allowed, median", holds=BAND)
     ax.plot(freq, notched[1], color=style.BLUE, label="notched level")
     log_y(ax)
-    unit = dataset["allowed"].attrs["units"]
+    unit = StoredVariable.of(dataset["allowed"]).units
     return finish(axes, None, axis_label("frequency", "Hz"), axis_label("level", unit))
 
 
@@ -80,7 +82,7 @@ def _levels(dataset: xr.Dataset) -> Panels:
         spread = [middle - low, high - middle]
         ax.errorbar(level.values, middle, spread, color=style.MODEL, marker="o", ms=3, capsize=3)
         ax.set_ylabel(_label(dataset[name]))
-    return finish(axes, None, axis_label("level", level.attrs["units"]))
+    return finish(axes, None, axis_label("level", StoredVariable.of(level).units))
 
 
 FIGURES = {"upward": _curve, "allowed": _notch, "psd": _random, "response": _shock}

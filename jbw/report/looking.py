@@ -18,6 +18,7 @@ from jbw.report.records import Samples, extremes
 from jbw.report.result import node
 from jbw.report.style import Panels, finish, log_y, panels, shade, title
 from jbw.report.text import axis_label, length_unit, plain, unit_text
+from jbw.results.attributes import PredictedTest, StoredVariable
 
 MOST_NAMED = 12  # tests named in a legend
 DOTS = {"ls": "", "marker": ".", "ms": 4}
@@ -65,11 +66,12 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 def _families(tests: list[xr.Dataset]) -> list[str]:
     """Return each test's label: kind and level if several tests share them, otherwise its name."""
-    kind_and_level = [(test.attrs["kind"], test.attrs.get("level")) for test in tests]
+    facts = [PredictedTest.of(test) for test in tests]
+    kind_and_level = [(test.kind, test.level) for test in facts]
     return [
         f"{kind}, {level:g}" if level is not None and kind_and_level.count((kind, level)) > 1
-        else str(test.attrs["test"])
-        for test, (kind, level) in zip(tests, kind_and_level, strict=True)
+        else test.test
+        for test, (kind, level) in zip(facts, kind_and_level, strict=True)
     ]  # fmt: skip
 
 
@@ -78,7 +80,7 @@ def _responses(only: Axes, tests: list[xr.Dataset], colours: list[str]) -> None:
     driven = [pair for pair in zip(tests, colours, strict=True) if "response" in pair[0]]
     for test, colour in driven:
         only.plot(test["freq"], test["response"], color=colour, lw=0.8)
-    units = {str(test["response"].attrs["units"]) for test, _ in driven}
+    units = {StoredVariable.of(test["response"]).units for test, _ in driven}
     label = axis_label("displacement over source", units.pop() if len(units) == 1 else "")
     only.set(xlabel="frequency [Hz]", ylabel=label)
     title(only, "" if driven else "no driven test")

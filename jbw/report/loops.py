@@ -28,6 +28,7 @@ from jbw.report.result import (
 )
 from jbw.report.style import INK, MODEL, SOFT, Panels, draw_model, finish, panels, shade
 from jbw.report.text import axis_label, length_unit, number, plain, unit_text
+from jbw.results.attributes import StoredBackbone, StoredVariable
 
 MILLI, KILO, PERCENT = 1e3, 1e3, 100.0
 BAND_SDS = 5.15
@@ -193,7 +194,7 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     curve = branch(tree, BACKBONE, "frequency", "damping")
     axes = panels(ax, 1, 2, height=3.0)
-    y_fitted = float(curve.attrs["y_fitted"])
+    y_fitted = StoredBackbone.of(curve).y_fitted
     factor, unit = length_unit(y_fitted)
     amplitude, end = factor * arrays(curve, "amplitude")[0], factor * y_fitted
     points = measured_points(tree, curve)
@@ -264,5 +265,5 @@ def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
             panel.errorbar(x, values, reach, fmt=".", **look)
     axes[0, 0].set_ylabel(axis_label("frequency", "Hz"))
     axes[0, 1].set_ylabel(axis_label("damping ratio", "%"))
-    response = plain(amplitude.attrs.get("long_name", "response"))
+    response = plain(StoredVariable.of(amplitude).long_name or "response")
     return finish(axes, ax, axis_label(f"amplitude of {response}", unit_of(amplitude)))

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from jbw.report.result import HELD_OUT, arrays, node, quantiles
 from jbw.report.style import INK, SKY
 from jbw.report.text import plain
+from jbw.results.attributes import PredictedTest
 
 MARKERS = "osD^v<>"  # one marker per kind of test, repeated if there are more kinds
 # Values within this range of the measured motion, relative to the largest, are repeats of one
@@ -62,8 +63,8 @@ def _points(test: xr.Dataset, curve: xr.Dataset) -> MeasuredPoints:
     near_model = np.abs(values["frequency"] / np.interp(y, amplitude, model) - 1) < OTHER_MODE
     near_model &= (y >= amplitude[0] * along) & (y <= amplitude[-1])
     return MeasuredPoints(
-        str(test.attrs.get("kind", "")),
-        bool(test.attrs.get("fitted", 1)),
+        PredictedTest.of(test).kind,
+        PredictedTest.of(test).is_fitted,
         y[near_model],
         *(
             {name: samples[near_model] for name, samples in quantities.items()}

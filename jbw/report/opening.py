@@ -4,7 +4,6 @@ The sentences state the effect of the joint, the errors of fitted and of held-ou
 parameters that are not identified, and the next step.
 """
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, log10
 
@@ -19,6 +18,7 @@ from jbw.report.messages import opening as messages
 from jbw.report.messages.discrepancy import not_scored
 from jbw.report.result import BACKBONE, laws_of, node
 from jbw.report.words import TRUNCATED, grades, unseen_hysteresis
+from jbw.results.attributes import DrawnPosterior, StoredBackbone
 from jbw.results.run import (
     RunSummary,
     StoredBand,
@@ -136,7 +136,7 @@ def effect_sentence(summary: RunSummary, tree: xr.DataTree) -> str:
     curve = node(tree, BACKBONE)
     if curve is None:
         return messages.NO_BACKBONE
-    y_peak = float(curve.attrs["y_fitted"])
+    y_peak = StoredBackbone.of(curve).y_fitted
     at = curve.to_dataset().interp(amplitude=[LOW * y_peak, y_peak])
     factor, unit = motion_unit(y_peak, _unit_of_motion(summary))
     frequency, damping = (at[name].transpose("amplitude", "quantile").values for name in
@@ -158,7 +158,7 @@ def stiffness_sentences(summary: RunSummary, tree: xr.DataTree) -> list[str]:
     The list is empty if a test shows a mode, or if the modal mass is stated.
     """
     frequency = summary.parameters.get("omega_n")
-    is_per_mass = json.loads(str(tree.attrs.get("held", "{}"))).get("gain") == 1.0
+    is_per_mass = DrawnPosterior.of(tree).held.get("gain") == 1.0
     if _has_mode(summary) or frequency is None or not is_per_mass:
         return []
     known = {name: getattr(frequency, name) for name in ("mean", "q005", "q995")}

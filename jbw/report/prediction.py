@@ -23,6 +23,7 @@ from jbw.report.responses import verification_curves, verification_groups
 from jbw.report.result import level_text, near_branch, quantiles, unit_of, unwrapped_band
 from jbw.report.style import Panels, finish, log_y, panels, shade, title
 from jbw.report.text import axis_label, plain
+from jbw.results.attributes import PredictedTest, StoredVariable
 
 # for each figure of the report: the variables that it needs, and the group that it uses
 FIGURES: tuple[tuple[set[str], str, Callable[..., Panels]], ...] = (
@@ -45,7 +46,7 @@ def prediction(name: str, dataset: xr.Dataset) -> Panels:
         apart = {name: dataset}
         if "unit" in dataset.coords:  # Groups in several units cannot share an axis.
             apart = dict(_groups(dataset))
-        return verification_groups(_tree(str(dataset.attrs["kind"]), apart))
+        return verification_groups(_tree(PredictedTest.of(dataset).kind, apart))
     variables = set(map(str, dataset.data_vars))
     if "record" in dataset.dims:
         if {"measured", "predictive_band"} <= variables:
@@ -113,7 +114,7 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
                 _harmonic(panels_of[what], kind, dataset["freq"], shown, label)
         if dataset.sizes["freq"] > 1:
             log_y(upper)
-        what = plain(values.attrs.get("long_name", "response"))
+        what = plain(StoredVariable.of(values).long_name or "response")
         title(upper, f"{what} at {suffix.removeprefix('_')}ω, {level_text(dataset)}", size=8)
         upper.set_ylabel(axis_label("amplitude", unit_of(values)))
         lower.set_ylabel("phase [°]")

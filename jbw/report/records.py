@@ -15,6 +15,7 @@ from jbw.report.messages import figures as labels
 from jbw.report.result import arrays, fitted_text, frequency, level_text, quantiles, tests, unit_of
 from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, shade, title
 from jbw.report.text import axis_label, percent, plain
+from jbw.results.attributes import PredictedTest
 
 # number of intervals of a whole record whose extremes are drawn; it equals the figure's number of
 # points in width
@@ -92,7 +93,7 @@ def draw_outline(ax: Axes, time: Samples, low: Samples, high: Samples, label: st
 
 def response_label(test: xr.Dataset, name: str = "measured") -> str:
     """Return the axis label of a record's response."""
-    return axis_label(plain(test.attrs.get("response", "response")), unit_of(test[name]))
+    return axis_label(plain(PredictedTest.of(test).response), unit_of(test[name]))
 
 
 def short(name: str, most: int = 16) -> str:
@@ -168,7 +169,7 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: one row of three per record (3 axes per record), held-out records first, 6 at most.
     """
     decays = tests(tree, "verification/decay", "measured", "model_band")
-    ordered = sorted(decays, key=lambda test: int(test[1].attrs.get("fitted", 1)))[:MOST_DECAYS]
+    ordered = sorted(decays, key=lambda test: PredictedTest.of(test[1]).is_fitted)[:MOST_DECAYS]
     axes = panels(ax, len(ordered), 3, height=0.7 + 1.5 * len(ordered))
     for (full, zoom, rest), (name, test) in zip(axes, ordered, strict=True):
         look = {"count": FEWER, "measured": "measured, in the band"}
@@ -185,7 +186,7 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
         draw_record(rest, test, less=middle, **look)
         # The line marks the end of the part from which a held-out record's initial state was
         # estimated.
-        seen = float(test.attrs.get("seen_s", 0.0))
+        seen = PredictedTest.of(test).seen_s
         for panel in (full, rest) if seen > 0 else ():
             panel.axvline(time[0] + seen, color=style.SOFT, lw=0.8, ls="--")
         full.set_ylabel(response_label(test))

@@ -48,6 +48,7 @@ from jbw.report.style import (
     title,
 )
 from jbw.report.text import axis_label, number, plain
+from jbw.results.attributes import PredictedTest, StoredVariable
 
 # largest number of measured points on a curve, so that the model behind them stays visible
 MOST_MARKS = 60
@@ -240,8 +241,8 @@ def draw_curves(column: Panels, suffix: str, family: Family, palette: Mapping[st
         _curve(column, test, suffix, palette[level_text(test)])
     test = family[0][1]
     values = test[f"measured_magnitude{suffix}"]
-    what = plain(values.attrs.get("long_name", "response"))
-    kind = plain(test.attrs.get("kind", ""))
+    what = plain(StoredVariable.of(values).long_name or "response")
+    kind = plain(PredictedTest.of(test).kind)
     title(column[0], f"{what} at {suffix.removeprefix('_')}ω, {kind}".removesuffix(", "))
     log_y(column[0])
     column[0].set_ylabel(axis_label("amplitude", unit_of(values)))
@@ -259,7 +260,8 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
         raise DataError("The result has no test of a kind that was added to jbw.")
     axes, stack = stacks(ax, len(group_tests), 1, height=2.5)
     for (only,), (name, test) in zip(stack, group_tests, strict=True):
-        axis = str(test.attrs["axis"])
+        facts = PredictedTest.of(test)
+        axis = facts.axis
         for _, group in test.groupby("group"):
             ordered = group.sortby(axis)
             for variable, colour, label in bands_of(ordered):
@@ -268,13 +270,12 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
             if "measured" in ordered:
                 look = {"color": INK, "ms": 3, "mfc": "none", "label": "measured"}
                 only.plot(ordered[axis], ordered["measured"], "o", **look)
-        level = level_text(test) if "level" in test.attrs else ""
+        level = "" if facts.level is None else level_text(test)
         words = (short(plain(name), 32), level, fitted_text(test))
         title(only, ", ".join(filter(None, words)), size=8)
         only.locator_params(axis="x", nbins=5)
         only.set_xlabel(axis_label(plain(axis), unit_of(test[axis])))
-        kind = str(test.attrs.get("kind", "response")).replace("_", " ")
-        quantity = plain(str(test.attrs.get("quantity", kind)))
+        quantity = plain(facts.quantity or (facts.kind or "response").replace("_", " "))
         only.set_ylabel(axis_label(quantity, unit_of(test["model_band"])))
     return finish(axes, ax)
 
@@ -285,14 +286,15 @@ def curve_columns(tests: Family) -> list[tuple[str, Family]]:
     for name, test in tests:
         for suffix in ("", "_3"):
             if f"measured_magnitude{suffix}" in test:
-                key = (suffix, str(test.attrs.get("quantity")), str(test.attrs.get("kind")))
+                facts = PredictedTest.of(test)
+                key = suffix, str(facts.quantity), facts.kind
                 groups.setdefault(key, []).append((name, test))
     return [(key[0], family) for key, family in sorted(groups.items())]
 
 
 def level_palette(tests: Family) -> dict[str, str]:
     """Return a colour for every level of the tests, by the level's text."""
-    levels = {level_text(test): float(test.attrs.get("level", 0.0)) for _, test in tests}
+    levels = {level_text(test): PredictedTest.of(test).level or 0.0 for _, test in tests}
     ordered = sorted(levels, key=lambda text: levels[text])
     return dict(zip(ordered, level_colours(len(ordered)), strict=True))
 
@@ -311,7 +313,7 @@ def _curve(column: Panels, test: xr.Dataset, suffix: str, colour: str) -> None:
     model = quantiles(test, f"model_magnitude{suffix}")
     turned = unwrapped_band(quantiles(test, f"model_phase{suffix}"))
     off = np.abs(measured * np.exp(1j * phase) - model[1] * np.exp(1j * np.radians(turned[1])))
-    fitted = bool(test.attrs.get("fitted", 1))
+    fitted = PredictedTest.of(test).is_fitted
     label = ", ".join(filter(None, (level_text(test), fitted_text(test))))
     look = {"color": colour, "lw": 0, "ms": 3.6, "marker": "o" if fitted else "^", "mew": 0.8}
     look |= {"mfc": colour if fitted else "none", "markevery": -(-freq.size // MOST_MARKS)}
@@ -385,7 +387,7 @@ def harmonic_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 def _spectrum(ax: Axes, spectrum: xr.Dataset) -> None:
     freq, amplitude = frequency(spectrum), np.asarray(spectrum["amplitude"], float)
-    tone = float(spectrum.attrs.get("tone_hz", freq[int(np.nanargmax(amplitude[1:])) + 1]))
+    tone = PredictedTest.of(spectrum).tone_hz or freq[int(np.nanargmax(amplitude[1:])) + 1]
     shown = (freq > 0.2 * tone) & (freq < 6.0 * tone)
     ax.plot(freq[shown], amplitude[shown], color=INK, lw=0.7)
     ax.margins(y=0.12)

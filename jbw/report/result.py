@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from jbw.errors import DataError, reason_of
 from jbw.quantities import BY_NAME, GAINS, Quantity, in_dialect, natural
 from jbw.report.text import about, plain, quantity, symbol, unit_text
+from jbw.results.attributes import DrawnPosterior, PredictedTest, StoredVariable
 from jbw.results.run import RunSummary
 from jbw.run.integrity import MARK, SEAL, damaged, unsealed
 from jbw.run.netcdf import read_tree
@@ -162,7 +163,8 @@ def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Data
     if parent is None or not parent.children:
         raise DataError(f"The result has no test under /{path.strip('/')}.")
     groups = [(name, branch(tree, f"{path}/{name}", *needed)) for name in parent.children]
-    return sorted(groups, key=lambda test: (about(test[1].attrs.get("level")), natural(test[0])))
+    levels = {name: about(PredictedTest.of(test).level) for name, test in groups}
+    return sorted(groups, key=lambda test: (levels[test[0]], natural(test[0])))
 
 
 def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Dataset]]:
@@ -183,13 +185,13 @@ def names_of(tree: xr.DataTree, summary: RunSummary | None = None) -> dict[str, 
     quantities = {}
     for group in tree.subtree:
         for name, values in group.data_vars.items() if group.name == "posterior" else ():
-            today = None if values.attrs.get("symbol") else quantity(str(name))
-            meaning = str(values.attrs.get("long_name", ""))
+            stored = StoredVariable.of(values)
+            today = None if stored.symbol else quantity(str(name))
             quantities[str(name)] = Quantity(
                 str(name),
-                str(values.attrs["symbol"]) if today is None else today.symbol,
+                stored.symbol if today is None else today.symbol,
                 unit_of(values),
-                meaning if today is None else today.meaning or meaning,
+                stored.long_name if today is None else today.meaning or stored.long_name,
             )
     for step in () if summary is None else summary.steps.values():
         for name in step.parameters:
@@ -252,8 +254,8 @@ def of_law(joint: Iterable[PosteriorParameter]) -> list[PosteriorParameter]:
 
 def laws_of(tree: xr.DataTree) -> tuple[str, ...]:
     """Return the names of the joint's laws; in runs of jbw 0.1, Bouc-Wen and a cubic spring."""
-    if "laws" in tree.attrs:
-        return tuple(json.loads(str(tree.attrs["laws"])))
+    if (laws := DrawnPosterior.of(tree).laws) is not None:
+        return laws
     main = node(tree, "posterior")
     return ("bouc_wen", "cubic") if main is not None and "cubic" in main else ("bouc_wen",)
 
@@ -268,7 +270,7 @@ def frequency(test: xr.Dataset) -> Float[np.ndarray, " freq"]:
 
 def unit_of(values: xr.DataArray) -> str:
     """Return the unit of a variable in the present spelling of jbw."""
-    return in_dialect(str(values.attrs.get("units", "")))
+    return in_dialect(StoredVariable.of(values).units)
 
 
 def arrays(group: xr.Dataset, *names: str) -> list[Float[np.ndarray, "..."]]:
@@ -283,8 +285,9 @@ def quantiles(group: xr.Dataset, name: str) -> Float[np.ndarray, "quantile ..."]
 
 def level_text(test: xr.Dataset) -> str:
     """Return a test's level with its unit, as text."""
-    unit = plain(unit_text(str(test.attrs.get("level_unit", ""))))
-    return f"{float(test.attrs.get('level', np.nan)):g} {unit}".strip()
+    facts = PredictedTest.of(test)
+    level = float("nan") if facts.level is None else facts.level
+    return f"{level:g} {plain(unit_text(facts.level_unit))}".strip()
 
 
 def fitted_text(test: xr.Dataset) -> str:
@@ -292,11 +295,12 @@ def fitted_text(test: xr.Dataset) -> str:
 
     If some repeats were fitted and others are shown, the text says so.
     """
-    if "fitted" not in test.attrs:
+    facts = PredictedTest.of(test)
+    if facts.fitted is None:
         return ""
-    if not test.attrs["fitted"]:
+    if not facts.fitted:
         return HELD_OUT
-    return "fitted" if test.attrs.get("seen", 1) else "fitted, held-out repeats"
+    return "fitted" if facts.seen else "fitted, held-out repeats"
 
 
 def wrap_degrees(phase: Any) -> Any:

@@ -14,6 +14,7 @@ from jbw.assembly.reduce import ReducedModel
 from jbw.errors import DataError
 from jbw.quantities import label
 from jbw.report.messages import study as messages
+from jbw.results.attributes import StoredAssembly
 
 GROUP = "assembly"
 SI = "SI"
@@ -151,12 +152,8 @@ def assembly_of(tree: xr.DataTree) -> ModelJoints:
         pairs = zip(of_joint["dof"].values, of_joint["weight"].values, strict=True)
         terms = tuple((_dof(str(dof)), float(weight)) for dof, weight in pairs if weight)
         joints.append(ModelJoint(str(name), terms, float(of_joint["stiffness"])))
-    return ModelJoints(
-        tuple(joints),
-        str(group.attrs["units"]),
-        bool(group.attrs["holds_joints"]),
-        int(group.attrs["highest_node"]),
-    )
+    facts = StoredAssembly.of(group)
+    return ModelJoints(tuple(joints), facts.units, facts.holds_joints, facts.highest_node)
 
 
 def _dof(name: str) -> Dof:

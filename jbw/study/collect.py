@@ -42,6 +42,7 @@ from jbw.observables.records import SUBSTEPS, Records
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
+from jbw.results.attributes import StoredVariable
 from jbw.study.order import Order
 from jbw.verification.backbone import backbone_group
 from jbw.verification.bands import QUANTILE_AXIS, polar
@@ -177,7 +178,9 @@ def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
 
 def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
     """Add units to the parameters of the fits in which one run was omitted."""
-    units = {"group_units": [posterior[n].attrs["units"] for n in left_out["parameter"].values]}
+    units = {
+        "group_units": [StoredVariable.of(posterior[n]).units for n in left_out["parameter"].values]
+    }
     return left_out.assign({n: left_out[n].assign_attrs(units) for n in ("estimate", "std")})
 
 

@@ -1,4 +1,4 @@
-"""The numbers of a study as pandas data frames: parameters, backbone and predictions."""
+"""Views of a study: data frames of its numbers, and the lower part of its notebook cell."""
 
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
@@ -9,15 +9,26 @@ import xarray as xr
 from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.identification.joint_answers import BACKBONES
 from jbw.report.result import BACKBONE, FREE_LAW, branch, node
+from jbw.results.attributes import StoredBackbone
 from jbw.results.run import RunSummary
 from jbw.results.stored import Stored
 
 if TYPE_CHECKING:  # The import takes half a second.
     from pandas import DataFrame
+import io
+from base64 import b64encode
+from html import escape
+
+from jbw.errors import JbwError
+from jbw.report.messages.opening import BACKBONE_PICTURE, GRADES
+from jbw.report.opening import MOST_SHOWN, with_interval
+from jbw.report.words import grades
 
 # Suffixes of the columns with the lower end, the median and the upper end of a 99 % band.
 ENDS = ("low", "", "high")
 PARAMETERS = ("unit", "mean", "sd", "cv", "q005", "q995", "map", "kl", "ess_bulk", "r_hat")
+HEADINGS = ("parameter", "mean", "99 % interval", "unit", "")
+DPI = 80  # The image is embedded in the notebook.
 
 
 def parameter_frame(summary: RunSummary, step: str | None) -> "DataFrame":
@@ -60,7 +71,7 @@ def backbone_frame(tree: xr.DataTree) -> "DataFrame":
     group = branch(tree, BACKBONE, "frequency", "damping")
     frame = _bands(group["amplitude"], group["frequency"], group["damping"])
     # The largest fitted amplitude is on the grid, except for round-off.
-    frame = frame.assign(fitted=frame.index <= group.attrs["y_fitted"] * (1 + 1e-9))
+    frame = frame.assign(fitted=frame.index <= StoredBackbone.of(group).y_fitted * (1 + 1e-9))
     return frame if (free := node(tree, FREE_LAW)) is None else frame.assign(**_free(frame, free))
 
 
@@ -102,3 +113,41 @@ def _frame(rows: Mapping[str, Stored], columns: Iterable[str], of: str) -> "Data
     kept = [c for c in columns if any(row.get(c) is not None for row in stated)]
     values = [[row.get(column) for column in kept] for row in stated]
     return DataFrame(values, index=Index(list(rows), name=of), columns=Index(kept))
+
+
+def page_of(summary: RunSummary, tree: xr.DataTree) -> str:
+    """Return a study's campaign, parameters and backbone as HTML for its notebook cell."""
+    title = f"<p>Study of {escape(summary.campaign)}</p>"
+    return title + _parameters(summary) + _picture(tree)
+
+
+def _parameters(summary: RunSummary) -> str:
+    graded, rows = grades(summary), summary.parameters
+    if not graded:
+        return "<p>no parameter is known</p>"
+    lines = [f"<tr>{''.join(f'<th>{heading}</th>' for heading in HEADINGS)}</tr>"]
+    for name in list(graded)[:MOST_SHOWN]:
+        grade = GRADES[graded[name]].partition(",")[0].lower()
+        cells = "".join(f"<td>{escape(c)}</td>" for c in (name, *with_interval(rows[name]), grade))
+        lines.append(f"<tr>{cells}</tr>")
+    omitted = len(graded) - MOST_SHOWN
+    more = f"<p>and {omitted} more: <code>study.table()</code></p>" if omitted > 0 else ""
+    return f"<table>{''.join(lines)}</table>{more}"
+
+
+def _picture(tree: xr.DataTree) -> str:
+    """Return a drawing of the backbone as an HTML image; empty if there is nothing to draw."""
+    groups = {"mode_backbones": BACKBONES, "backbone": BACKBONE}
+    name = next((name for name, path in groups.items() if node(tree, path) is not None), None)
+    if name is None:
+        return ""
+    try:
+        from jbw.report.plots import draw  # This import loads matplotlib.
+
+        picture = io.BytesIO()
+        draw(tree, name).savefig(picture, format="png", dpi=DPI, facecolor="white")
+    # Without the drawing, the notebook cell still shows the numbers.
+    except (ImportError, JbwError):
+        return ""
+    data = b64encode(picture.getvalue()).decode()
+    return f'<img alt="{escape(BACKBONE_PICTURE)}" src="data:image/png;base64,{data}">'

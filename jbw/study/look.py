@@ -16,9 +16,8 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.special import fdtrc
 
-from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.load import Campaign
-from jbw.campaign.tables import TestSpec
+from jbw.campaign.tables import TestSpec, force_per_unit, gain_of
 from jbw.errors import DataError, JbwError
 from jbw.identification.shaker import read_shaker, shaker_sentence
 from jbw.measurement.channels import rms

@@ -21,7 +21,7 @@ from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import in_box
 from jbw.inference.space.stated import StatedDensities, distributions_of
 from jbw.observables.dataset import Dataset, log_likelihood
-from jbw.observables.drives import of_part
+from jbw.observables.drives import of_drive
 from jbw.oscillator.laws import laws_named
 
 logger = logging.getLogger("jbw")
@@ -102,7 +102,7 @@ def _of_laws(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
     every = {**data.held, **theta}
     values: dict[str, Any] = {}
     for law in laws_named(data.laws):
-        parameters = law.of(every).parameters()
+        parameters = law.build(every).parameters()
         products = {p.quantity.name: p.of({**every, **parameters}) for p in law.products}
         values |= {**parameters, **products}
     return {name: value for name, value in values.items() if name not in theta}
@@ -113,7 +113,9 @@ def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
     return {
         f"response of {label}": rows
         for part in data.parts
-        for label, rows in zip(part.groups.labels, part.predict(of_part(every, part)), strict=True)
+        for label, rows in zip(
+            part.groups.labels, part.predict(of_drive(every, part.drive)), strict=True
+        )
     }
 
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import jax
 import numpy as np
 
-from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
+from jbw.campaign.tables import force_per_unit
 from jbw.errors import JbwError
 from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble, measured_in

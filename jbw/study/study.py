@@ -1,7 +1,6 @@
 """The result of an identification, returned by `identify` or read from a run's folder."""
 
 import hashlib
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,10 +23,10 @@ from jbw.oscillator.oscillator import Oscillator
 from jbw.report.formats import formats_of
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, of_another_version, read_result
+from jbw.results.attributes import DrawnPosterior, StoredVariable
 from jbw.results.run import RunSummary
 from jbw.run.files import hash_of
-from jbw.study.cell import page_of
-from jbw.study.frames import backbone_frame, parameter_frame, prediction_frame
+from jbw.study.frames import backbone_frame, page_of, parameter_frame, prediction_frame
 from jbw.study.loads import Load, LoadOptions, joints_of_basis, load_on
 from jbw.study.loads_in_time import random_of, shock_of
 from jbw.study.loads_of_sines import notch_of, resonance_of, response_curve_of
@@ -361,7 +360,7 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
         # The run was allowed to read files outside its folder.
         campaign = load_campaign(where, allow_outside=True)
     if campaign is not None:
-        campaign = with_laws(campaign, json.loads(str(tree.attrs.get("laws", "null"))))
+        campaign = with_laws(campaign, DrawnPosterior.of(tree).laws)
     return Study(tree, summary.plain(), campaign)
 
 
@@ -399,8 +398,8 @@ def known_of(folder: Path) -> tuple[RunSummary, Known]:
     bounds, means = {}, {}
     if summary.main == "joint" and "posterior" in tree.children:
         for name, values in tree["posterior"].data_vars.items():
-            if "lower" in values.attrs:
-                bounds[str(name)] = float(values.attrs["lower"]), float(values.attrs["upper"])
+            if (stated := StoredVariable.of(values).bounds) is not None:
+                bounds[str(name)] = stated
     third_order = node(tree, "steps/third_order_nuts/posterior")
     if third_order is not None:
         means = {str(name): float(values.mean()) for name, values in third_order.data_vars.items()}

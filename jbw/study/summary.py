@@ -27,6 +27,7 @@ from jbw.measurement.records import INPUTS, Test
 from jbw.observables.dataset import Dataset
 from jbw.report.messages import study as messages
 from jbw.report.result import node, verified
+from jbw.results.attributes import PredictedTest, StoredVariable
 from jbw.results.run import RunSummary, StoredParameter, StoredStep
 from jbw.sources import sources_of
 from jbw.study.identifiability import plain
@@ -235,7 +236,7 @@ def step_record(
     return StoredStep(
         verdict=step.verdict.stored(),
         parameters={
-            name: _parameter(row, posterior[name].attrs.get("units", "1"), truth.get(name))
+            name: _parameter(row, StoredVariable.of(posterior[name]).units or "1", truth.get(name))
             for name, row in rows.items()
         },
         statements=list(step.statements),
@@ -261,16 +262,16 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
     """
     predictions = {}
     for kind, name, test in verified(tree, "nrmse"):
-        attrs = test.attrs
+        attrs = PredictedTest.of(test)
         # Groups of different kinds of test may have the same name.
         called = name if name not in predictions else f"{name} ({kind})"
         predictions[called] = {
             "kind": kind,
-            "level": _known(attrs, "level"),
-            "level_unit": str(attrs.get("level_unit", "")),
-            "fitted": bool(attrs["fitted"]),
-            **{key: _known(attrs, key) for key in ERRORS},
-            **({"withheld": True} if attrs.get("withheld") else {}),
+            "level": None if attrs.level is None else plain(attrs.level),
+            "level_unit": attrs.level_unit,
+            "fitted": bool(attrs.fitted),
+            **{key: plain(float(test.attrs[key])) if key in test.attrs else None for key in ERRORS},
+            **({"withheld": True} if attrs.withheld else {}),
         }
     return predictions
 
@@ -286,7 +287,7 @@ def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
     missed = node(tree, "discrepancy")
     if missed is None or data is None:
         return {}
-    tests = [(kind, test.attrs["fitted"]) for kind, _, test in verified(tree, "fitted")]
+    tests = [(kind, PredictedTest.of(test).fitted) for kind, _, test in verified(tree, "fitted")]
     held_out = {kind for kind, is_fitted in tests if not is_fitted}
     fitted = {kind for kind, is_fitted in tests if is_fitted}
     kinds = tuple(kinds_of(data))
@@ -306,16 +307,12 @@ def _joints(tree: xr.DataTree) -> dict[str, Any]:
     return {"joints": joints if tied is None else {**(joints or {}), "tied": tied}}
 
 
-def _known(attrs: Mapping[Any, Any], name: str) -> float | None:
-    return plain(float(attrs[name])) if name in attrs else None
-
-
 def _loops(tree: xr.DataTree) -> dict[str, Any]:
     loops = node(tree, "validation/loops")
     return {
         name: {
-            "level": _known(test.attrs, "level"),
-            "tone_hz": float(test.attrs["tone_hz"]),
+            "level": None if (level := PredictedTest.of(test).level) is None else plain(level),
+            "tone_hz": PredictedTest.of(test).tone_hz,
             **{
                 str(key): area.values.tolist()
                 for key, area in test.data_vars.items()

@@ -19,6 +19,7 @@ from jbw.observables.groups import changed
 from jbw.observables.modal_decays import ModalDecays
 from jbw.observables.observable import alone
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
+from jbw.results.attributes import PredictedTest, StoredVariable
 from jbw.verification.bands import QUANTILE_AXIS, band, error, half_width, recentred, within
 from jbw.verification.modal_decays import (
     Entered,
@@ -52,7 +53,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     data = _reduced(source, test)
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
-        if in_dialect(stored.attrs.get("units", "")) == UNIT_OF[data.response]:
+        if in_dialect(StoredVariable.of(stored).units) == UNIT_OF[data.response]:
             draws = [str(dim) for dim in stored.dims if dim != "record"]
             noise = RepeatNoise(float(stored.mean(draws).median()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.mean) ** 2)))
@@ -69,7 +70,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     begins = tuple((levels / unit).tolist())
     band_name = "predictive_band" if source.noise else "model_band"
     late = [
-        comparison.isel(time=time >= time[0] + comparison.attrs["seen_s"])
+        comparison.isel(time=time >= time[0] + PredictedTest.of(comparison).seen_s)
         for comparison in compared
         for time in [comparison["time"]]
     ]
@@ -109,13 +110,13 @@ def _reduced(source: Source, test: Test) -> Decays:
     """Return decays as the likelihood needs them, with the settings of the fit."""
     facts = source.basis.decay_facts
     no_shift = NO_SHIFT * source.omega_n
-    stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
+    stated = {"laws": source.basis.laws, "substeps": facts.substeps or None}
     modes = modes_of_draws(source.draws)
     data = (
         Decays.of(test, **stated) if modes is None else ModalDecays.of(test, **stated, modes=modes)
     )
-    shift_std = jnp.asarray(facts.get("shift_std", no_shift))
-    return counting(replace(data, shift_std=shift_std), float(facts.get("worth", 1.0)))
+    shift_std = jnp.asarray(no_shift if facts.shift_std is None else facts.shift_std)
+    return counting(replace(data, shift_std=shift_std), facts.worth)
 
 
 def _compared(

@@ -15,7 +15,7 @@ and above 25 % it is not assessed.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from jbw.identification.accuracy import OF_MISFIT, another_law
 from jbw.inference.posterior.finding import ASKED, GRADE, Amendment, Finding, Status, Verdict, judge
 from jbw.measurement.channels import rms
 from jbw.report.messages import residuals as messages
+from jbw.results.attributes import PredictedTest
 from jbw.verification.backbone import CARRIED_ON
 from jbw.verification.predicted import ALIKE
 
@@ -34,7 +35,7 @@ LEAST_COVERAGE = 0.95  # smallest share of a record that its 99 % band must cont
 LEAST_VALUES = 50  # smallest number of values from which coverage is computed
 # ratio of error to variation between repeats up to which noise explains the error
 TO_SCATTER = 1.25
-Tests = Mapping[str, Mapping[str, Any]]
+Tests = Mapping[str, PredictedTest]
 
 
 class Seen(NamedTuple):
@@ -99,22 +100,21 @@ def grade(
 def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
     """Return errors and coverage of held-out tests within the fitted amplitudes, or None."""
     unseen = [
-        attrs
-        for attrs in tests.values()
-        if not attrs.get("fitted") and attrs.get("extrapolation", 1.0) <= CARRIED_ON
+        test
+        for test in tests.values()
+        if not test.fitted and (test.extrapolation is None or test.extrapolation <= CARRIED_ON)
     ]
     if not unseen:
         return None
     # A law for which the model cannot be solved has an infinite error.
-    errors = [float(np.nan_to_num(attrs["nrmse"], nan=np.inf)) for attrs in unseen]
-    linear = [attrs.get("nrmse_linear", np.nan) for attrs in unseen]
-    scatter = [attrs.get("scatter", np.nan) for attrs in unseen]
+    errors = [float(np.nan_to_num(test.nrmse, nan=np.inf)) for test in unseen]
+    linear = [test.nrmse_linear for test in unseen]
+    scatter = [test.scatter for test in unseen]
     # The noise of other tests is not valid for harmonics and loops at another level.
     sized = [
-        (attrs["coverage"], attrs.get("num_values", 0))
-        for attrs in unseen
-        if (attrs["group"] == "sweep" or attrs.get("noise") != ALIKE)
-        and np.isfinite(attrs.get("coverage", np.nan))
+        (test.coverage, test.num_values)
+        for test in unseen
+        if (test.group == "sweep" or test.noise != ALIKE) and np.isfinite(test.coverage)
     ]
     size = sum(number for _, number in sized)
     coverage = sum(share * number for share, number in sized) / max(size, 1)
@@ -124,7 +124,7 @@ def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
     return Seen(
         count=len(unseen), error=rms(errors), worst=max(errors), linear=rms(linear),
         coverage=coverage if size >= LEAST_VALUES else np.nan,
-        is_withheld=any(attrs.get("withheld") for attrs in unseen),
+        is_withheld=any(test.withheld for test in unseen),
         to="repeats" if to_scatter else "noise" if is_white else "",
     )  # fmt: skip
 

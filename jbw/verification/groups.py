@@ -14,6 +14,7 @@ from jbw.measurement.records import Test
 from jbw.observables.groups import compared
 from jbw.observables.observable import Observable
 from jbw.observables.register import OBSERVABLES
+from jbw.results.attributes import PredictedTest
 from jbw.verification.bands import QUANTILE_AXIS, beside, errors
 from jbw.verification.predicted import Predicted, RepeatNoise, Source, noise_of, of_repeats
 from jbw.verification.predictive_basis import count_of, seen_of
@@ -55,7 +56,7 @@ def predict_groups(source: Source, test: Test) -> Predicted:
         squares = np.array([dataset.attrs[name] ** 2 for dataset in datasets])
         attrs[name] = float(np.sqrt(np.average(squares, weights=sizes)))
     if all("coverage" in dataset.attrs for dataset in datasets):
-        inside = [dataset.attrs["coverage"] for dataset in datasets]
+        inside = [PredictedTest.of(dataset).coverage for dataset in datasets]
         attrs |= {"coverage": float(np.average(inside, weights=sizes)), "num_values": sizes.sum()}
     together = xr.concat(datasets, "value", combine_attrs="drop_conflicts")
     return predictions[-1]._replace(dataset=together.assign_attrs(attrs))

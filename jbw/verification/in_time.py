@@ -22,6 +22,7 @@ from jbw.observables.dataset import Dataset, solved, unnamed
 from jbw.observables.groups import single_records
 from jbw.observables.modes import Modes
 from jbw.observables.records import Records
+from jbw.observables.residual_terms import has_own, own_columns
 from jbw.observables.samples import (
     band_limited,
     in_band,
@@ -29,9 +30,9 @@ from jbw.observables.samples import (
     noise_share,
     response_of,
 )
+from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.quantities import UNIT_OF, derivative_order, per
 from jbw.verification.bands import QUANTILE_AXIS, about_law, band, beside, error, errors, polar
-from jbw.verification.own_constants import completed
 from jbw.verification.places import repeats_named
 from jbw.verification.predicted import LANES as SIDE_BY_SIDE
 from jbw.verification.predicted import (
@@ -51,6 +52,9 @@ FORGOTTEN = 7.0
 LEAST_LINES = 8  # smallest number of lines with which a frequency response is estimated
 # ratio of record length to segment length, for segments that overlap by half
 SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2
+DrawnTime = Float[np.ndarray, "draw time"]
+Time = Float[np.ndarray, " time"]
+Others = dict[str, Time]
 
 
 class Motion(NamedTuple):
@@ -69,7 +73,7 @@ class Motion(NamedTuple):
 
     test: Test
     data: Records
-    model: Float[np.ndarray, "draw time"]
+    model: DrawnTime
     peak: Float[np.ndarray, " draw"]
     others: dict[str, Float[np.ndarray, " time"]]
     noise: RepeatNoise
@@ -77,9 +81,7 @@ class Motion(NamedTuple):
     unsettled: int = 0
 
 
-def responses_at(
-    draws: Draws, data: Records
-) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " draw"]]:
+def responses_at(draws: Draws, data: Records) -> tuple[DrawnTime, Float[np.ndarray, " draw"]]:
     """Return the response of each draw to a recorded input, and its largest displacement [m].
 
     The displacement is that of the joint's mode, without residual terms of the response, at the
@@ -175,7 +177,7 @@ def compare_in_time(
     motion: Motion,
     repeats: Float[np.ndarray, "repeat time"] | None = None,
     num_repeats: float = 1.0,
-) -> tuple[xr.Dataset, Float[np.ndarray, "draw time"], dict[str, Float[np.ndarray, " time"]]]:
+) -> tuple[xr.Dataset, DrawnTime, dict[str, Float[np.ndarray, " time"]]]:
     """Return a test's mean and bands over time, with the draws and reference models.
 
     Bands are those of a mean of `num_repeats`. If `repeats` are given, coverage counts their
@@ -316,3 +318,26 @@ def _settling(test: Test, draws: Draws) -> float:
     rate = float(np.mean(draws["zeta"] * draws["omega_n"]))
     forgotten = FORGOTTEN / rate if rate > 0 else 0.0
     return min(max(test.settle, forgotten), 0.5 * record.num_samples / record.fs)
+
+
+def completed(
+    basis: Basis, data: Records, model: DrawnTime, others: Others
+) -> tuple[DrawnTime, Others]:
+    """Add residual constants, fitted to the test itself, to all predicted responses of a test.
+
+    The constants are fitted in the test's band.
+    """
+    if not has_own(data.residuals, several_modes=has_further_modes(basis.posterior)):
+        return model, others
+    force = np.asarray(data.source)[:, data.skipped :]
+    (columns,) = own_columns(force, data.fs, data.response, None)
+    columns_in_band = in_band(columns, data.lines)
+    size = np.linalg.norm(columns_in_band, axis=1)[:, None]
+
+    def added(response: Time) -> Time:
+        """Return the response of constants U and L, fitted to measured minus predicted values."""
+        residual = np.asarray(data.mean[0]) - in_band(response, data.lines)
+        return np.linalg.lstsq((columns_in_band / size).T, residual)[0] @ (columns / size)
+
+    model = model + added(np.median(model, axis=0))
+    return model, {name: response + added(response) for name, response in others.items()}

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jbw.campaign.gains import Gain, gain_of
+from jbw.campaign.tables import Gain, gain_of
 from jbw.errors import ConfigError, DataError
 from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.thresholds import BEYOND

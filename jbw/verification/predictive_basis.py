@@ -32,6 +32,7 @@ from jbw.quantities import (
     RESIDUAL_TERMS,
     motion_factors_in,
 )
+from jbw.results.attributes import DecayConstants, DrawnPosterior
 
 # name of the draws before stated clock and calibration errors were added
 AS_RECORDED = "as_recorded"
@@ -70,7 +71,7 @@ class Basis:
     decay: xr.Dataset  # posterior of the free decays alone, or else the main posterior
     # Of fitted free decays: the fraction `worth` of their values that are independent, and the
     # standard deviation `shift_std` of natural frequencies between records [rad/s].
-    decay_facts: Mapping[str, float]
+    decay_facts: DecayConstants
     laws: Laws
     # Draws of omega_n and zeta in each fitted run, one for each evenly spaced posterior draw; None
     # without run offsets.
@@ -253,8 +254,8 @@ def laws_of_run(tree: xr.DataTree) -> Laws:
             "The result has no group /posterior, from which predictions are made.",
             remedy="Give the folder of a finished run.",
         )
-    if "laws" in tree.attrs:
-        return tuple(json.loads(str(tree.attrs["laws"])))
+    if (laws := DrawnPosterior.of(tree).laws) is not None:
+        return laws
     return (*DEFAULT_LAWS, "cubic") if "cubic" in tree["posterior"] else DEFAULT_LAWS
 
 
@@ -285,26 +286,24 @@ def decay_attrs(data: Decays) -> dict[str, str]:
 
 def basis_of(tree: xr.DataTree) -> Basis:
     """Return the inputs of a run's predictions from its stored result."""
-    laws, attrs = laws_of_run(tree), tree.attrs
+    laws, stored = laws_of_run(tree), DrawnPosterior.of(tree)
     posterior = posterior_draws(tree)
     # Predicted measurements have the same instrument errors, so their uncertainty is not added.
     if AS_RECORDED in tree.children:
         posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)
-    tests, held, decay = (json.loads(str(attrs.get(n, "{}"))) for n in ("tests", "held", "decay"))
-    lacking, points = (tuple(json.loads(str(attrs.get(n, "[]")))) for n in ("lacking", "points"))
     return Basis(
         posterior,
-        held,
-        {name: CampaignTest(**facts) for name, facts in tests.items()},
-        float(attrs.get("y_peak", 0.0)),
-        tuple(np.atleast_1d(attrs["scatter"]).tolist()) if "scatter" in attrs else (),
-        int(attrs.get("substeps", SUBSTEPS)),
+        stored.held,
+        {name: CampaignTest(**facts) for name, facts in stored.tests.items()},
+        stored.y_peak or 0.0,
+        stored.scatter,
+        stored.substeps or SUBSTEPS,
         _of_decays(tree, posterior, laws),
-        decay,
+        stored.decay,
         laws,
         tree["runs"].to_dataset() if "runs" in tree.children else None,
-        lacking=lacking,
-        points=points,
+        lacking=stored.lacking,
+        points=stored.points,
         discrepancy=discrepancy_in(tree["discrepancy"].to_dataset())
         if "discrepancy" in tree.children
         else None,

@@ -4,8 +4,7 @@ A narrow posterior of a wrong law passes every check of its chains. It fails if 
 predicts better, or if held-out tests lie outside its bands.
 """
 
-import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -26,6 +25,7 @@ from jbw.observables.decay import Decays
 from jbw.quantities import MODES, derivative_order
 from jbw.report.messages import discrepancy as withholding
 from jbw.report.messages import verification as messages
+from jbw.results.attributes import DrawnPosterior, PredictedTest
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.decays import verify_decays
 from jbw.verification.forced import verify_forced
@@ -44,7 +44,6 @@ BETTER = 1.1
 # error, and the band contains this noise twice.
 NOISE_BESIDE = 2**0.5
 REACH = float(norm.ppf(QUANTILES[-1]))  # half width of a 99 % band, in standard deviations
-SIMPLER = ("linear", "cubic")
 Groups = dict[str, xr.Dataset]
 
 
@@ -99,10 +98,10 @@ def _verify_free(
     comparisons = attempts.make(messages.DECAYS_COMPARED, compared, ())
     for name, comparison in zip(decays.names, comparisons, strict=False):
         marked, begins = comparison.assign_attrs(discrepancy=0), comparison.attrs["level"] / unit
-        if not marked.attrs["fitted"]:
-            marked.attrs["discrepancy"] = int(basis.misses)
+        if not PredictedTest.of(marked).fitted:
+            marked = marked.assign_attrs(discrepancy=int(basis.misses))
             if basis.y_peak > 0:
-                marked.attrs["extrapolation"] = begins / basis.y_peak
+                marked = marked.assign_attrs(extrapolation=begins / basis.y_peak)
             marked = without_band(marked) if is_withheld(basis, (begins,)) else marked
         groups[place("verification/decay", name)] = marked
     curves = attempts.make(messages.DECAY_CURVES, against_amplitude, None)
@@ -116,11 +115,11 @@ def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
     return Dataset.of([decays], held), "omega_n", "zeta", *names
 
 
-def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
+def predicted_tests(tree: xr.DataTree) -> Mapping[str, PredictedTest]:
     """Return the attributes of each test's comparison with its prediction, by name."""
     parents = tree["verification"].children if "verification" in tree.children else {}
     return {
-        name: {"group": group, **{str(key): value for key, value in node.attrs.items()}}
+        name: PredictedTest.of_mapping({"group": group, **node.attrs})
         for group, parent in parents.items()
         for name, node in parent.children.items()
         if "nrmse" in node.attrs
@@ -130,23 +129,15 @@ def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
 def prediction_findings(tree: xr.DataTree) -> list[Finding]:
     """Return findings on the errors of simpler oscillators, and on coverage of held-out tests."""
     tests = predicted_tests(tree)
-    laws = json.loads(str(tree.attrs.get("laws", "[]")))
+    laws = DrawnPosterior.of(tree).laws or ()
     return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests)]
 
 
-def _numbers(
-    tests: Mapping[str, Mapping[str, Any]], *names: str
-) -> Iterator[tuple[str, list[float]]]:
-    """Yield each test's name, and some numbers of its comparison; NaN where one is missing."""
-    for test, attrs in tests.items():
-        yield test, [float(attrs.get(name, np.nan)) for name in names]
-
-
-def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
+def _simpler(tests: Mapping[str, PredictedTest], laws: Sequence[str]) -> list[Finding]:
     errors = {
-        (name, kind): (nrmse, other)
-        for name, (nrmse, *others) in _numbers(tests, "nrmse", *map("nrmse_{}".format, SIMPLER))
-        for kind, other in zip(SIMPLER, others, strict=True)
+        (name, kind): (test.nrmse, other)
+        for name, test in tests.items()
+        for kind, other in (("linear", test.nrmse_linear), ("cubic", test.nrmse_cubic))
         if np.isfinite(other) and other > 0
     }
     ratios = {key: nrmse / other for key, (nrmse, other) in errors.items()}
@@ -155,7 +146,7 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
     if not ratios:
         return []
     name, kind = worst = max(ratios, key=lambda pair: ratios[pair])
-    fit_status = "fitted" if tests[name].get("fitted") else "never fitted"
+    fit_status = "fitted" if tests[name].fitted else "never fitted"
     error, other = errors[worst]
     values = {
         "test": name, "fit_status": fit_status, "error": error, "kind": kind,
@@ -165,16 +156,16 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
     return [checked("simpler_model", ratios[worst] < BETTER, values, ratios[worst], remedy)]
 
 
-def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
+def _replaced(tests: Mapping[str, PredictedTest], laws: Sequence[str]) -> list[Finding]:
     """Check whether the model discrepancy in a band exceeds even a linear oscillator's error.
 
     Empty if the bands have no discrepancy, or the joint has little effect: the linear oscillator is
     close, and no worse than the joint.
     """
     limits, ratios = {}, {}
-    names = ("nrmse", "nrmse_linear", "half_width", "discrepancy")
-    for name, (nrmse, linear, width, discrepancy) in _numbers(tests, *names):
-        if discrepancy > 0 and linear > min(BETTER * nrmse, CLOSE) and np.isfinite(width):
+    for name, test in tests.items():
+        nrmse, linear, width = test.nrmse, test.nrmse_linear, test.half_width
+        if test.discrepancy > 0 and linear > min(BETTER * nrmse, CLOSE) and np.isfinite(width):
             limits[name] = 1.0 if linear > BETTER * nrmse else NOISE_BESIDE
             ratios[name] = width / REACH / linear
     if not ratios:
@@ -185,17 +176,17 @@ def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> li
     return [checked("law_replaced", ok, values, ratios[worst], remedy)]
 
 
-def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
+def _coverage(tests: Mapping[str, PredictedTest]) -> list[Finding]:
     # Harmonics and loops at another level may have other noise, so typical noise proves nothing.
     shares = {
-        name: coverage
-        for name, (coverage, fitted, count) in _numbers(tests, "coverage", "fitted", "num_values")
-        if not fitted > 0
-        and np.isfinite(coverage)
-        and count >= LEAST_VALUES
-        and (tests[name]["group"] == "sweep" or tests[name].get("noise") != ALIKE)
+        name: test.coverage
+        for name, test in tests.items()
+        if not test.fitted
+        and np.isfinite(test.coverage)
+        and test.num_values >= LEAST_VALUES
+        and (test.group == "sweep" or test.noise != ALIKE)
     }
-    withheld = [name for name, attrs in tests.items() if attrs.get("withheld")]
+    withheld = [name for name, test in tests.items() if test.withheld]
     if not shares:
         return [_no_band(withheld)] if withheld else []
     worst = min(shares, key=lambda name: shares[name])

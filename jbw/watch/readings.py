@@ -5,7 +5,6 @@ exactly that of the structure. Frequency and damping at one amplitude A that eve
 not. Their trend with torque, $dy/d\ln T$ at fixed amplitudes, comes from a fleet.
 """
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -28,6 +27,7 @@ from jbw.population.prediction import new_units
 from jbw.population.prior import WRENCH
 from jbw.quantities import derivative_order
 from jbw.report.messages import watch
+from jbw.results.attributes import DrawnPosterior, StoredFleet
 from jbw.verification.backbone import curves_of_response
 from jbw.verification.predicted import carry
 from jbw.watch.statement import Trend
@@ -226,7 +226,7 @@ def trend_of(
 
 def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) -> None:
     """Raise an error if some units of a fleet were not tested up to the monitored amplitudes."""
-    peaks = [float(fleet[name].attrs.get("y_peak", np.nan)) for name in unit_names(fleet)]
+    peaks = np.array([DrawnPosterior.of(fleet[name]).y_peak for name in unit_names(fleet)], float)
     centre, order = _response_of(test)
     highest, reached_by_all = max(amplitudes) / centre**order, np.min(peaks)
     if not highest <= reached_by_all:
@@ -247,7 +247,7 @@ def _readings_at(
     test: Test,
 ) -> Float[np.ndarray, "draw p"]:
     """Predict frequency and damping of new units at a torque [N m], from a population."""
-    laws: Any = tuple(json.loads(fleet.attrs["laws"]))
+    laws: Any = tuple(StoredFleet.of(fleet).laws)
     draws = new_units(population, fleet, torque)
     centre, order = _response_of(test)
     frequency, damping, _ = carry(

@@ -15,7 +15,6 @@ that includes the record.
 Reference: Chopin, Biometrika 89 (2002) 539.
 """
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -25,9 +24,9 @@ import xarray as xr
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from jbw.campaign.gains import force_per_unit
 from jbw.campaign.joints import require_one_joint
 from jbw.campaign.load import Campaign
+from jbw.campaign.tables import force_per_unit
 from jbw.errors import ConfigError, DataError
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import law_variables
@@ -40,6 +39,7 @@ from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays, counting
 from jbw.report.messages import watch
+from jbw.results.attributes import DrawnPosterior, StoredVariable
 from jbw.study.study import Study
 
 ENOUGH = 0.5  # If the effective fraction of the particles is smaller, they are resampled and moved.
@@ -187,11 +187,12 @@ def updated(
             "jbw.load_study.",
         )
     posterior = posterior_draws(study.posterior)
-    sampled = {str(n): v for n, v in posterior.data_vars.items() if "lower" in v.attrs}
+    stated = {str(n): StoredVariable.of(v).bounds for n, v in posterior.data_vars.items()}
+    sampled = {n: posterior[n] for n, bounds in stated.items() if bounds is not None}
     data, part, test = _fitted(study, study.campaign)
     rows = evenly_spaced(posterior, num_particles)
     draws = np.stack([v.values.ravel()[rows] for v in sampled.values()], axis=-1)
-    bounds = np.array([[v.attrs["lower"], v.attrs["upper"]] for v in sampled.values()])
+    bounds = np.array([stated[name] for name in sampled])
     names = tuple(sampled)
     stored_density = np.ravel(study.posterior["sample_stats"].to_dataset()["lp"].values)[rows]
     now = particles_of(draws, _density_of(data, names, bounds))
@@ -226,11 +227,11 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
             why="The posterior of tests other than decays cannot be updated record by record.",
             remedy="Identify the joint again with the new records in its campaign.",
         )
-    test, facts = seen.decays.fitted, json.loads(str(study.tree.attrs.get("decay", "{}")))
+    test, facts = seen.decays.fitted, DrawnPosterior.of(study.tree).decay
     # The run may have used a finer time step, and its likelihood counts only independent samples.
-    substeps = int(facts.get("substeps", 0)) or campaign.settings.substeps
+    substeps = facts.substeps or campaign.settings.substeps
     part = Decays.of(test, laws=data.laws, substeps=substeps)
-    part = counting(part, float(facts.get("worth", 1.0)))
+    part = counting(part, facts.worth)
     return replace(data, parts=(part,)), part, test
 
 

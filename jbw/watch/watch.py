@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import load_test
 from jbw.campaign.schema import CampaignSpec, read_spec
-from jbw.campaign.tables import TestSpec
+from jbw.campaign.tables import TestSpec, force_per_unit
 from jbw.errors import ConfigError, DataError, JbwError, RunError
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import Record, Test

@@ -2,8 +2,8 @@
 
 import pytest
 
-from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.schema import parse
+from jbw.campaign.tables import force_per_unit, gain_of
 from jbw.errors import ConfigError
 
 SOURCES = {

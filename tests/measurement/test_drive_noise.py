@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from jbw.measurement.faults.drive_noise import noisy_drive, passed_on
+from jbw.measurement.faults.noise import noisy_drive, passed_on
 from jbw.measurement.faults.unlike_gains import unlike_gains
 from jbw.measurement.records import Record
 

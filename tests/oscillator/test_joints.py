@@ -30,7 +30,7 @@ def law_of(joint):
     if joint["law"] == "bouc_wen":
         return jbw.laws.BoucWenLaw(joint["alpha"], joint["delta"], joint["gamma"])
     if joint["law"] == "jenkins":
-        return law_named("jenkins").of({"stiffness_1": joint["alpha"], "slip_1": joint["phi"]})
+        return law_named("jenkins").build({"stiffness_1": joint["alpha"], "slip_1": joint["phi"]})
     return Iwan4.of_segalman(joint["K_T"], joint["F_S"], joint["chi"], joint["beta"])
 
 
@@ -241,7 +241,7 @@ def test_records_beside_each_other_keep_the_axis_of_joints():
 @pytest.mark.slow
 def test_a_stock_solver_agrees_with_the_step():
     """Motion, forces and works at Dopri8's tolerance and the step's order at eight a sample."""
-    drag = law_named("quadratic_damping").of({"quadratic_damping": 1e-12})
+    drag = law_named("quadratic_damping").build({"quadratic_damping": 1e-12})
     stepped = pair()
     damped = replace(stepped, laws=(stepped.laws[0], (*stepped.laws[1], drag)))
     ours, stock = (jbw.simulate(s, chirped(256), FS, substeps=8) for s in (stepped, damped))

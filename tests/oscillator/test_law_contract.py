@@ -104,7 +104,7 @@ def test_the_table_is_complete(law):
         assert quantity.meaning
     for coordinates in law.coordinates.values():
         point = coordinates.from_parameters({**law.parameters(), "omega_n": 118.0})
-        again = law.of(point)
+        again = law.build(point)
         np.testing.assert_allclose(jax.tree.leaves(again), jax.tree.leaves(law), rtol=1e-14)
         assert {*coordinates.names} == {quantity.name for quantity in coordinates.table}
     for product in law.products:
@@ -194,7 +194,8 @@ def test_a_move_is_the_sum_of_its_parts_and_the_force_is_continuous(law):
 
 
 def test_the_loops_energy_is_the_area_of_the_path(law):
-    law, y_peak = law.undamaged(), 3.5e-3  # where cycles change it, of a joint that none has
+    law = law.undamaged() if law.degrades else law  # otherwise each cycle changes it
+    y_peak = 3.5e-3
     theta = np.linspace(0.0, 2 * np.pi, POINTS + 1)
     y = y_peak * np.cos(theta)
     like, first = tip_and_fundamental(law, y_peak)
@@ -300,7 +301,7 @@ def test_laws_that_no_motion_tells_apart_are_named():
     together = Oscillator(118.0, 0.01, (law_of("jenkins"), law_of("bilinear")))
     k, slip = THETA["jenkins"]["stiffness_1"], THETA["jenkins"]["slip_1"]
     one = Oscillator(
-        118.0, 0.01, (law_named("jenkins_1").of({"stiffness_1": 2 * k, "slip_1": slip}),)
+        118.0, 0.01, (law_named("jenkins_1").build({"stiffness_1": 2 * k, "slip_1": slip}),)
     )
     own, other = (each.force_along(y) - each.k * y for each in (one, together))
     np.testing.assert_allclose(own, other, atol=1e-9)

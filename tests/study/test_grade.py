@@ -8,18 +8,17 @@ import pytest
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.inference.posterior.finding import answers, checked, judge
+from jbw.results.attributes import PredictedTest
 from jbw.verification.grade import grade, judged
 
 LAWS = ("bouc_wen",)
-FITTED = {"fitted": 1, "nrmse": 0.02, "nrmse_linear": 0.3, "group": "sweep"}
+FITTED = PredictedTest(fitted=1, nrmse=0.02, nrmse_linear=0.3, group="sweep")
 
 
 def seen(error, **more):
     """A held-out sweep of a thousand values, 99 % of them inside the bands."""
-    return {
-        "fitted": 0, "nrmse": error, "nrmse_linear": 0.5, "coverage": 0.99, "num_values": 1000,
-        "group": "sweep", **more,
-    }  # fmt: skip
+    like = {"nrmse_linear": 0.5, "coverage": 0.99, "num_values": 1000, "group": "sweep"}
+    return PredictedTest.of_mapping({"fitted": 0, "nrmse": error, **like, **more})
 
 
 def status(*tests, findings=(), limit=0.05):
@@ -65,8 +64,8 @@ def test_want_of_signal_is_no_fault_of_the_law():
     assert status(weak, findings=white) == "usable"
     assert status(weaker, findings=white) == "not assessed"
     assert status(weak, findings=[*white, checked("chi_square", False, "Far.", 9.0)]) == "failed"
-    assert status({**weak, "scatter": 0.2}) == "usable"
-    assert status({**weak, "scatter": 0.15}) == "failed"  # 1.33 times the scatter
+    assert status(weak.replaced(scatter=0.2)) == "usable"
+    assert status(weak.replaced(scatter=0.15)) == "failed"  # 1.33 times the scatter
 
 
 def test_large_errors_and_narrow_bands_are_never_better_than_not_predictive():

@@ -247,7 +247,7 @@ def test_a_run_writes_what_predictions_read_back(tmp_path):
     assert basis.held == {"gain": 0.5}
     assert basis.seen == {"sweep": ("sweep", "V", "velocity", 0.01, "", "voltage", "")}
     assert basis.scatter == (0.3, 1e-3)
-    assert basis.decay_facts == {"worth": 0.7, "shift_std": 0.02, "substeps": 3}
+    assert basis.decay_facts.plain() == {"worth": 0.7, "shift_std": 0.02, "substeps": 3}
     assert basis.laws == ("bouc_wen",)
 
 

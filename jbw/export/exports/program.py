@@ -231,7 +231,7 @@ def without_form(folder: str) -> Callable[[Export], tuple[str, ...]]:
 def _form(folder: str, law: str, result: Export) -> Form:
     name, kind = family_of(law), law_named(law)
     file = next(f for f in ENVIRONMENT.list_templates() if re.match(rf"{folder}/{name}\.\w+$", f))
-    memory = len(jax.tree.leaves(kind.of(result.joint).at_rest()))
+    memory = len(jax.tree.leaves(kind.build(result.joint).at_rest()))
     return Form(name, file, len(kind.table), memory)
 
 

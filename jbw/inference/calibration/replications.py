@@ -42,6 +42,7 @@ from jbw.inference.space.box import Box, box, from_unit, require_float64
 from jbw.inference.space.problem import LogLikelihood, Problem, Theta, problem_of
 from jbw.inference.space.reparametrisation import in_box
 from jbw.parts import Parts, unkept
+from jbw.results.attributes import DrawnPosterior
 
 LOG_LIKELIHOOD = "log_likelihood"
 NUM_RANKS = 100  # number of draws among which a true value is ranked
@@ -137,7 +138,9 @@ def _in_rounds(
     """Run one replication on all cores, with a sampler that works in rounds."""
     truth, problem, to_draw, to_rank = _posed_alone(keys[0], model)
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
-    arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
+    facts = DrawnPosterior.of_mapping(drawn.facts)
+    is_good = facts.khat is not None and facts.khat < GOOD_KHAT
+    arrived = np.bool_(is_good and (facts.ess_weights or 0.0) >= ESS)
     theta = {name: jnp.asarray(values) for name, values in drawn.theta.items()}
     ranks = _ranks_alone(to_rank, truth, problem.data, theta, jnp.asarray(arrived), model)
     return jax.tree.map(lambda value: value[None], ranks)

@@ -12,6 +12,7 @@ from scipy.special import digamma
 
 from jbw.inference.posterior.quantiles import QUANTILES
 from jbw.inference.space.box import Box, bounds_by_name
+from jbw.results.attributes import DrawnPosterior
 
 if TYPE_CHECKING:
     from jbw.inference.space.stated import StatedDensities  # loads NumPyro
@@ -47,7 +48,7 @@ def summarise(
     that cannot be computed are NaN, such as diagnostics of chains if the draws are those of a fit's
     Gaussian approximation.
     """
-    chains = tree.attrs.get("sampler") != LAPLACE
+    chains = DrawnPosterior.of(tree).sampler != LAPLACE
     lp = tree["sample_stats"].to_dataset()["lp"].values
     bounds, draws = bounds_by_name(box), scalars(tree)
     rows = {name: _row(values, lp, bounds.get(name), chains) for name, values in draws.items()}

@@ -21,6 +21,7 @@ from jbw.inference.posterior.remedies import (
 )
 from jbw.inference.posterior.summary import Row, diagnose, scalars
 from jbw.inference.space.box import Box, bounds_by_name
+from jbw.results.attributes import DrawnPosterior
 
 Draws = Mapping[str, Float[np.ndarray, "chain draw"]]
 
@@ -71,15 +72,15 @@ def verdict(
     Reference:
         Vehtari et al. (2021), Bayesian Analysis 16, 667; Betancourt (2016), arXiv:1604.00695.
     """
-    draws = scalars(tree)
+    draws, facts = scalars(tree), DrawnPosterior.of(tree)
     findings = [_finite(draws)]
     if findings[0].status == "ok":
-        sampler = str(tree.attrs.get("sampler", ""))
+        sampler = facts.sampler
         findings += [_moving(draws), *_convergence(draws, sampler), *modes_findings(draws)]
         findings += [*bounds_findings(draws, box, ending), _identified(draws, box)]
-    findings += _trajectories(tree["sample_stats"].to_dataset(), tree.attrs)
-    findings += _at_once(tree.attrs)
-    findings += _budget(tree.attrs, findings)
+    findings += _trajectories(tree["sample_stats"].to_dataset(), facts)
+    findings += _at_once(facts)
+    findings += _budget(facts, findings)
     if chi_square is not None:
         findings.append(_fit(*chi_square))
     return judge(findings)
@@ -178,9 +179,9 @@ def _identified(draws: Draws, box: Box) -> Finding:
     return checked("unidentified", False, values, weak.ratio, remedy)
 
 
-def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
+def _trajectories(stats: xr.Dataset, facts: DrawnPosterior) -> list[Finding]:
     findings = []
-    finer = {"substeps": 2 * int(facts.get("substeps", SUBSTEPS))}
+    finer = {"substeps": 2 * (facts.substeps or SUBSTEPS)}
     if "diverging" in stats:
         count = int(stats["diverging"].sum())
         values = {"count": count, "size": stats["diverging"].size}
@@ -192,7 +193,7 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
     if "reached_max_tree_depth" in stats:
         share = float(stats["reached_max_tree_depth"].mean())
         values = {"share": share, "limit": TREE_SHARE}
-        longer = {"num_warmup": 2 * int(facts.get("num_warmup", NUM_WARMUP))}
+        longer = {"num_warmup": 2 * (facts.num_warmup or NUM_WARMUP)}
         findings.append(checked("tree_depth", share <= TREE_SHARE, values, share, longer))
     if "energy" in stats and stats.sizes["draw"] > 1:
         from arviz_stats.base.array import array_stats  # an import of one second, needed only here
@@ -203,34 +204,29 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
     return findings
 
 
-def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
+def _at_once(facts: DrawnPosterior) -> list[Finding]:
     """Return the findings on a sampler without Markov chains, from its statistics."""
     findings = []
     other = {"sampler": other_sampler()}
-    if "khat" in facts:
-        khat = float(facts["khat"])
+    if (khat := facts.khat) is not None:
         values = {"khat": khat, "limit": GOOD_KHAT}
         # NaN, the result of too few weights, is not below the limit.
         findings.append(checked("khat", khat < GOOD_KHAT, values, khat, other))
-    if "ess_weights" in facts:
-        size = float(facts["ess_weights"])
+    if (size := facts.ess_weights) is not None:
         values = {"size": size, "limit": ESS}
         findings.append(checked("ess_weights", size >= ESS, values, size, other))
-    if "inverse_temperature" in facts:
-        beta = float(facts["inverse_temperature"])
+    if (beta := facts.inverse_temperature) is not None:
         findings.append(checked("temperature", beta >= 1, {"beta": beta}, 1 - beta, other))
-    if "quadrature_error" in facts:
-        error = float(facts["quadrature_error"])
+    if (error := facts.quadrature_error) is not None:
         values = {"error": error, "limit": QUADRATURE}
         findings.append(checked("quadrature", converged(facts), values, error, other))
     return findings
 
 
-def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Finding]:
+def _budget(facts: DrawnPosterior, findings: Iterable[Finding]) -> list[Finding]:
     """Return a finding if time ran out before enough draws were made; state the time needed."""
-    if "budget_spent_s" not in facts:
+    if (spent := facts.budget_spent_s) is None:
         return []
-    spent = float(facts["budget_spent_s"])
     sizes = [finding.number for finding in findings if finding.code in ("ess_bulk", "ess_tail")]
     least = min((size for size in sizes if size > 0), default=1.0)
     needed = float(f"{spent * max(ESS / least, 2.0):.2g}")
@@ -243,9 +239,9 @@ def enough(draws: Draws) -> bool:
     return finite and all(finding.status != "failed" for finding in _convergence(draws))
 
 
-def converged(facts: Mapping[Any, Any]) -> bool:
+def converged(facts: DrawnPosterior) -> bool:
     """Return whether the stated error of a quadrature is small enough for a reference."""
-    return float(facts["quadrature_error"]) <= QUADRATURE
+    return facts.quadrature_error is not None and facts.quadrature_error <= QUADRATURE
 
 
 def _fit(chi_square: float, dof: int) -> Finding:

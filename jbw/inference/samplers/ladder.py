@@ -21,11 +21,12 @@ from jbw.inference.samplers import amis
 from jbw.inference.samplers.chunked_run import Keep, Supervision, Until, no_checkpoint
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import by_moments, sample_until
-from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
+from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior, seconds_of
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
 from jbw.report.messages import stages as messages
+from jbw.results.attributes import DrawnPosterior
 
 under_way = logging.getLogger("jbw.progress")
 
@@ -90,28 +91,31 @@ def climb(
         chosen: lambda: place, **{n: make for n, make in costly.items() if n != chosen}
     }  # fmt: skip
     tried = by_mixtures(key, target, stages, sizes, until=until, keep=keep, attrs=attrs)
-    spent = sum(tree["timing"].attrs["wall_s"] for tree, _ in tried)
-    evaluations = looks + sum(tree.attrs["num_evaluations"] for tree, _ in tried)
+    spent = sum(seconds_of(tree) for tree, _ in tried)
+    evaluations = looks + sum(DrawnPosterior.of(tree).num_evaluations for tree, _ in tried)
     budget_s = np.inf if until is None else until.budget_s
     tree, _ = tried[-1]
     if is_good(tree, until):
-        tree.attrs["num_evaluations"] = evaluations
+        tree.attrs |= {"num_evaluations": evaluations}
         return tree
     if spent >= budget_s:
         tree.attrs |= {"num_evaluations": evaluations, "budget_spent_s": spent}
         return tree
     under_way.info(messages.CHAINS)
-    best, place = max(tried, key=lambda trial: trial[0].attrs["ess_weights"])
+    best, place = max(tried, key=lambda trial: DrawnPosterior.of(trial[0]).ess_weights or 0.0)
     drawn = by_chains(
         jax.random.fold_in(key, len(parametrisations) + len(stages)), target,
         about_draws(best, target.box, place), sizes,
         until=None if until is None else until._replace(budget_s=budget_s - spent),
         keep=keep, attrs=attrs,
     )  # fmt: skip
-    evaluations += drawn.attrs["num_evaluations"]
-    drawn.attrs |= {"coordinates": best.attrs["coordinates"], "num_evaluations": evaluations}
-    if "budget_spent_s" in drawn.attrs:
-        drawn.attrs["budget_spent_s"] += spent
+    facts = DrawnPosterior.of(drawn)
+    drawn.attrs |= {
+        "coordinates": DrawnPosterior.of(best).coordinates,
+        "num_evaluations": evaluations + facts.num_evaluations,
+    }
+    if facts.budget_spent_s is not None:
+        drawn.attrs |= {"budget_spent_s": facts.budget_spent_s + spent}
     return drawn
 
 
@@ -144,11 +148,10 @@ def by_mixtures(
             key, target, request._replace(options=options), place,
             supervision=Supervision(kept=kept, until=remaining), attrs=attrs,
         )  # fmt: skip
-        tree.attrs["coordinates"] = name
+        tree.attrs |= {"coordinates": name}
         tried.append((tree, place))
         if remaining is not None:
-            wall_s = tree["timing"].attrs["wall_s"]
-            remaining = remaining._replace(budget_s=remaining.budget_s - wall_s)
+            remaining = remaining._replace(budget_s=remaining.budget_s - seconds_of(tree))
         if is_good(tree, until) or (remaining is not None and remaining.budget_s <= 0):
             break
     return tried
@@ -184,14 +187,17 @@ def by_chains(
 
 def is_good(tree: xr.DataTree, until: Until | None) -> bool:
     """Return whether importance weights are reliable and give enough draws."""
-    if not (tree.attrs["khat"] < GOOD_KHAT and tree.attrs["ess_weights"] >= ESS):
+    facts = DrawnPosterior.of(tree)
+    if facts.khat is None or facts.ess_weights is None:
+        return False
+    if not (facts.khat < GOOD_KHAT and facts.ess_weights >= ESS):
         return False
     return until is None or until.enough(scalars(tree))
 
 
 def about_draws(tree: xr.DataTree, box: Box, place: Reparametrisation) -> Reparametrisation:
     """Return coordinates from moments of weighted draws; `place` if too few draws are effective."""
-    enough = tree.attrs["ess_weights"] >= WORTH * len(box.names)
+    enough = (DrawnPosterior.of(tree).ess_weights or 0.0) >= WORTH * len(box.names)
     return by_moments(scalars(tree), box, place) if enough else place
 
 

@@ -16,10 +16,11 @@ from jaxtyping import Array, Float, Key
 from jbw.inference.posterior.summary import diagnose, scalars
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers.chunked_run import Kept, Supervision, Until
-from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
+from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior, seconds_of
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import Reparametrisation
+from jbw.results.attributes import DrawnPosterior
 
 AGREED = 1.05  # Sampling is repeated if the largest R-hat of all parameters exceeds this.
 # factor by which the draws' covariance is widened, since they may not cover the posterior yet
@@ -63,8 +64,9 @@ def sample_until(
             target, request, coordinates, attrs=attrs,
             supervision=Supervision(kept=keep(round_), until=Until(stop, budget_s - spent)),
         )  # fmt: skip
-        evaluations += tree.attrs["num_evaluations"]
-        spent += tree["timing"].attrs["wall_s"]
+        facts = DrawnPosterior.of(tree)
+        evaluations += facts.num_evaluations
+        spent += seconds_of(tree)
         tree.attrs |= {"num_evaluations": evaluations, "rewhitened": round_}
         draws = scalars(tree)
         done = agree(draws) if until is None else until.enough(draws)
@@ -75,13 +77,13 @@ def sample_until(
         # A sampler that works in rounds has already taken more draws until there were enough.
         elif until is None or "rounds" in tree.attrs:
             break
-        elif tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
+        elif facts.khat is not None and facts.khat >= GOOD_KHAT:
             break
         else:
-            request = request._replace(num_samples=2 * tree.attrs["num_samples"])
+            request = request._replace(num_samples=2 * facts.num_samples)
         round_ += 1
     if not done and spent >= budget_s:
-        tree.attrs["budget_spent_s"] = spent
+        tree.attrs |= {"budget_spent_s": spent}
     return tree
 
 

@@ -201,6 +201,11 @@ def draw_posterior(
     return tree
 
 
+def seconds_of(tree: xr.DataTree) -> float:
+    """Return the time in which draws were made [s]."""
+    return tree["timing"].attrs["wall_s"]
+
+
 def _require_keywords(entry: Sampler, keywords: Mapping[str, Any]) -> None:
     """Raise a ConfigError for keywords that neither `sample` nor the sampler knows."""
     names = dict.fromkeys((*SIGNED, *SHARED, *default_options(entry)._fields))

@@ -17,11 +17,10 @@ from jbw.measurement.faults.hypothesis import (
 from jbw.measurement.faults.lag import ClocksApart, Delay, LostBlock
 from jbw.measurement.faults.loop_hypotheses import HighPass, Slip, Wear, ZeroOfLoadCell
 from jbw.measurement.faults.plausibility import SwappedChannels
-from jbw.measurement.faults.second_blow import SecondBlow
 from jbw.measurement.faults.second_mode import OutsideModes, SecondMode
 from jbw.measurement.faults.steady_line import UndecayingLine
 from jbw.measurement.faults.unlike_gains import OwnFrequencies, UnlikeGain
-from jbw.measurement.faults.window import Window
+from jbw.measurement.faults.window import SecondBlow, Window
 from jbw.measurement.readings.sweep import SweepFits
 from jbw.report.messages import decay_faults as messages
 

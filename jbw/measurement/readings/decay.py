@@ -555,9 +555,10 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
     loud = np.flatnonzero(signal.size > max(LOUD * noise, FADED * half_step))
     signal = signal.until(max(ends, FEWEST_KEPT, int(loud[-1]) + 1 if loud.size else 0))
     weight = weight_at(size[: len(signal.z)])
-    fits = {"linear": fit_decay(signal, "linear", linear.theta, scale, weight)}
+    straight = fit_decay(signal, "linear", linear.theta, scale, weight)
+    fits = {"linear": straight}
     if len(signal.z) >= FEWEST_POWERS:
-        fits |= _powers(signal, fits["linear"], scale, weight)
+        fits |= _powers(signal, straight, scale, weight)
     return DecayFits(signal, fits, scale, weight, noise, half_step)
 
 
@@ -581,8 +582,9 @@ def _powers(
     fits = {"power": power, "quadratic": fitted("quadratic", start)}
     if power.squares < WORTH_A_TERM * linear.squares:
         one = power.theta.tolist()
-        fits["power2"] = fitted("power2", [*one[:4], 0.0, *one[4:6], 0.0, one[6]])
-        if fits["power2"].squares < WORTH_A_TERM * power.squares and len(signal.z) > FEWEST_KEPT:
-            two = fits["power2"].theta.tolist()
-            fits["power3"] = fitted("power3", [*two[:5], 0.0, *two[5:8], 0.0, two[8]])
+        second = fitted("power2", [*one[:4], 0.0, *one[4:6], 0.0, one[6]])
+        fits |= {"power2": second}
+        if second.squares < WORTH_A_TERM * power.squares and len(signal.z) > FEWEST_KEPT:
+            two = second.theta.tolist()
+            fits |= {"power3": fitted("power3", [*two[:5], 0.0, *two[5:8], 0.0, two[8]])}
     return fits

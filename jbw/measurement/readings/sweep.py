@@ -546,15 +546,17 @@ def _bases(
         ends = [fit_sweep(signal, name, np.array(start), scale, weight) for start in begun]
         return min(ends, key=lambda fit: fit.squares)
 
-    fits = {"linear": fit_sweep(signal, "linear", linear.theta, scale, weight)}
-    sigma, turn = fits["linear"].theta.tolist()
-    fits["power"] = fitted("power", *([sigma, 0.0, turn, 0.0, p] for p in (1.0, 2.0)))
-    if fits["power"].squares < WORTH_A_TERM * fits["linear"].squares:
-        one = fits["power"].theta.tolist()
-        fits["power2"] = fitted("power2", [*one[:2], 0.0, *one[2:4], 0.0, one[4]])
-        if fits["power2"].squares < WORTH_A_TERM * fits["power"].squares:
-            two = fits["power2"].theta.tolist()
-            fits["power3"] = fitted("power3", [*two[:3], 0.0, *two[3:6], 0.0, two[6]])
+    straight = fit_sweep(signal, "linear", linear.theta, scale, weight)
+    sigma, turn = straight.theta.tolist()
+    first = fitted("power", *([sigma, 0.0, turn, 0.0, p] for p in (1.0, 2.0)))
+    fits = {"linear": straight, "power": first}
+    if first.squares < WORTH_A_TERM * straight.squares:
+        one = first.theta.tolist()
+        second = fitted("power2", [*one[:2], 0.0, *one[2:4], 0.0, one[4]])
+        fits |= {"power2": second}
+        if second.squares < WORTH_A_TERM * first.squares:
+            two = second.theta.tolist()
+            fits |= {"power3": fitted("power3", [*two[:3], 0.0, *two[3:6], 0.0, two[6]])}
     return fits
 
 

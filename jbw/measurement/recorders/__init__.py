@@ -51,7 +51,7 @@ def of_lines(lines: Sequence[str], path: Path) -> Contents | None:
 def annotated(contents: Contents) -> Contents:
     """Return an open file's contents; add what a recognised recorder states on its channels."""
     for recorder in recorders() if not contents.recorder else ():
-        if recorder.of and recorder.read and recorder.of(contents):
+        if recorder.read and recorder.recognises(contents):
             contents = replace(recorder.read(contents), recorder=recorder.name)
             break
     series = contents.series

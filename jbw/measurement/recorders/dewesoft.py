@@ -29,8 +29,7 @@ TIME = re.compile(r"(Data\d+)_time_?(.*)")
 
 def is_of(contents: Contents) -> bool:
     """Return whether a MATLAB file has arrays named like DEWESoft's times, `Data1_time_NAME`."""
-    root = top(contents)
-    return contents.reader.startswith("MATLAB") and any(TIME.fullmatch(str(name)) for name in root)
+    return any(TIME.fullmatch(str(name)) for name in top(contents))
 
 
 def read(contents: Contents) -> Contents:
@@ -63,4 +62,4 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
     return table(lines, path)
 
 
-RECORDER = Recorder("DEWESoft", is_of, read, is_text, read_text)
+RECORDER = Recorder("DEWESoft", is_of, read, is_text, read_text, readers=("MATLAB",))

@@ -49,4 +49,4 @@ def read(contents: Contents) -> Contents:
     return replace(contents, root=root, series=series)
 
 
-RECORDER = Recorder("HBK Pulse and HBM catman", of=is_of, read=read)
+RECORDER = Recorder("HBK Pulse and HBM catman", is_of, read, readers=("MATLAB",))

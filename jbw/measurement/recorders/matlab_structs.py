@@ -71,8 +71,6 @@ def _states_units(node: Any) -> bool:
 def is_of(contents: Contents) -> bool:
     """Return whether a file, or a struct in it, states units or a rate for its arrays."""
     root = top(contents)
-    if not contents.reader.startswith(("MATLAB", "npz")):
-        return False
     return _states_units(root) or any(_states_units(node) for node in root.values())
 
 
@@ -95,4 +93,4 @@ def _with_units(node: Any) -> dict[str, Any]:
     }
 
 
-RECORDER = Recorder("MATLAB structs", of=is_of, read=read)
+RECORDER = Recorder("MATLAB structs", is_of, read, readers=("MATLAB", "npz"))

@@ -34,4 +34,4 @@ def read(contents: Contents) -> Contents:
     return replace(contents, series=channels)
 
 
-RECORDER = Recorder("NI TDMS", lambda contents: contents.reader == "TDMS", read, is_general=True)
+RECORDER = Recorder("NI TDMS", read=read, is_general=True, readers=("TDMS",))

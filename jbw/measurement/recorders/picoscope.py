@@ -58,4 +58,4 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
     return table(lines, path)
 
 
-RECORDER = Recorder("PicoScope", is_of, read, is_text, read_text)
+RECORDER = Recorder("PicoScope", is_of, read, is_text, read_text, readers=("MATLAB",))

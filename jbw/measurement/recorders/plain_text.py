@@ -23,4 +23,4 @@ def read(contents: Contents) -> Contents:
     return replace(contents)
 
 
-RECORDER = Recorder("plain text", lambda contents: contents.reader == "CSV", read, is_general=True)
+RECORDER = Recorder("plain text", read=read, is_general=True, readers=("CSV",))

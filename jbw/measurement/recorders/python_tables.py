@@ -81,7 +81,7 @@ def _clock(node: Any) -> Leaf | None:
 
 def is_of(contents: Contents) -> bool:
     """Return whether a file contains a table with channel names."""
-    return contents.reader in ("HDF5", "npz") and bool(_tables(top(contents)))
+    return bool(_tables(top(contents)))
 
 
 def read(contents: Contents) -> Contents:
@@ -119,7 +119,7 @@ def read(contents: Contents) -> Contents:
 
 def is_labelled(contents: Contents) -> bool:
     """Return whether an HDF5 file has a coordinate of times, as xarray writes it."""
-    return contents.reader == "HDF5" and _clock(top(contents)) is not None
+    return _clock(top(contents)) is not None
 
 
 def read_labelled(contents: Contents) -> Contents:
@@ -136,6 +136,6 @@ def read_labelled(contents: Contents) -> Contents:
 
 
 RECORDERS = (
-    Recorder("Python tables", is_of, read),
-    Recorder("xarray", is_labelled, read_labelled),
+    Recorder("Python tables", is_of, read, readers=("HDF5", "npz")),
+    Recorder("xarray", is_labelled, read_labelled, readers=("HDF5",)),
 )

@@ -37,7 +37,7 @@ def is_of(contents: Contents) -> bool:
     root = top(contents)
     table = root.get("time_data")
     is_table = isinstance(table, Leaf) and len(table.shape) == 2
-    return contents.reader == "HDF5" and is_table and isinstance(root.get("channels"), Mapping)
+    return is_table and isinstance(root.get("channels"), Mapping)
 
 
 def read(contents: Contents) -> Contents:
@@ -61,4 +61,4 @@ def read(contents: Contents) -> Contents:
     return replace(contents, root=root, series=series)
 
 
-RECORDER = Recorder("Rattlesnake", of=is_of, read=read)
+RECORDER = Recorder("Rattlesnake", is_of, read, readers=("HDF5",))

@@ -11,10 +11,10 @@ from jbw.measurement.files.tree import Contents
 class Recorder:
     """A recorder: the layout of files as one program writes them.
 
-    A tree of MATLAB, HDF5, UFF, TDMS, WAV or NumPy is recognised by `of` and annotated by `read`. A
-    text is recognised from its first lines by `of_text`, and parsed by `read_text`. The docstring
-    of the recorder's module says how files are recognised, on what evidence, and what has not been
-    tested.
+    A tree of MATLAB, HDF5, UFF, TDMS, WAV or NumPy is recognised by `of`, if one of `readers` made
+    it, and annotated by `read`. A text is recognised from its first lines by `of_text`, and parsed
+    by `read_text`. The docstring of the recorder's module says how files are recognised, on what
+    evidence, and what has not been tested.
     """
 
     name: str
@@ -23,3 +23,10 @@ class Recorder:
     of_text: Callable[[Sequence[str]], bool] | None = None
     read_text: Callable[[Sequence[str], Path], Contents] | None = None
     is_general: bool = False  # whether it accepts files that no other recorder recognises
+    # first word of `Contents.reader`, such as MATLAB, for the trees it may recognise; empty for all
+    readers: tuple[str, ...] = ()
+
+    def recognises(self, contents: Contents) -> bool:
+        """Return whether a tree has this recorder's layout; without `of`, its reader decides."""
+        is_read = not self.readers or contents.reader.startswith(self.readers)
+        return self.read is not None and is_read and (self.of is None or self.of(contents))

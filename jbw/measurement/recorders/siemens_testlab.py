@@ -35,7 +35,7 @@ def signals(contents: Contents) -> Iterator[tuple[str, dict[str, Any]]]:
 
 def is_of(contents: Contents) -> bool:
     """Return whether a MATLAB file contains structs of Testlab signals."""
-    return contents.reader.startswith("MATLAB") and any(True for _ in signals(contents))
+    return any(True for _ in signals(contents))
 
 
 def read(contents: Contents) -> Contents:
@@ -75,4 +75,4 @@ def _column(values: Leaf, i: int) -> Leaf:
     return replace(values, axes=values.axes[:1], fixed={**values.fixed, axis: i})
 
 
-RECORDER = Recorder("Siemens Testlab", of=is_of, read=read)
+RECORDER = Recorder("Siemens Testlab", is_of, read, readers=("MATLAB",))

@@ -22,6 +22,4 @@ def read(contents: Contents) -> Contents:
     return replace(contents, notes={**contents.notes, "program": program or "not stated"})
 
 
-RECORDER = Recorder(
-    "Universal file 58", lambda contents: contents.reader == "UFF 58", read, is_general=True
-)
+RECORDER = Recorder("Universal file 58", read=read, is_general=True, readers=("UFF 58",))

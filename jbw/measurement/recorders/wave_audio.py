@@ -21,4 +21,4 @@ def read(contents: Contents) -> Contents:
     return replace(contents)
 
 
-RECORDER = Recorder("WAV", lambda contents: contents.reader == "WAV", read, is_general=True)
+RECORDER = Recorder("WAV", read=read, is_general=True, readers=("WAV",))

@@ -15,7 +15,7 @@ from jbw.oscillator.parameters import SLOW, Conversion, Material, Scalar, of_ope
 from jbw.oscillator.steady.waveform import (
     crest,
     exponentials,
-    gauss_legendre_between,
+    gauss_legendre,
     odd_harmonics,
     orders,
     synthesis,
@@ -85,7 +85,7 @@ class QuadraticDamping(Damper):
         else:
             start = crest(stop_gradient(q))
             num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
-            theta, weights = gauss_legendre_between(num_nodes, start, start + jnp.pi)
+            theta, weights = gauss_legendre(num_nodes, start, start + jnp.pi)
         force = self(omega * synthesis(q, theta, 1))
         return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())
 

@@ -26,7 +26,7 @@ from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
     exponentials,
-    gauss_legendre_between,
+    gauss_legendre,
     synthesis,
 )
 from jbw.quantities import Quantity
@@ -247,7 +247,7 @@ class GapSeries(Law):
             jnp.arccos(jnp.clip(displacement / stop_gradient(peak), -1.0, 1.0))
             for displacement in displacements
         ]
-        theta, weights = gauss_legendre_between(_NODES, jnp.zeros_like(peak), *angles, jnp.pi)
+        theta, weights = gauss_legendre(_NODES, jnp.zeros_like(peak), *angles, jnp.pi)
         column = [x[..., None] for x in jnp.broadcast_arrays(peak, tip[0], tip[1])]
         force = self._falling(column[0] * (1.0 - jnp.cos(theta)), (column[1], column[2]))
         real = 2.0 / jnp.pi * jnp.sum(weights * force * jnp.cos(theta), -1) / peak
@@ -273,7 +273,7 @@ class GapSeries(Law):
         displacements = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
         breaks = (angle_of(fixed, start, displacement) for displacement in displacements)
         num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
-        theta, weights = gauss_legendre_between(num_nodes, start, *breaks, start + jnp.pi)
+        theta, weights = gauss_legendre(num_nodes, start, *breaks, start + jnp.pi)
         y: Float[Array, " node"] = jnp.sum(exponentials(theta, q.shape[0]) * q, -1).real
         force = moved(self, tip, jnp.minimum(y - peak, 0.0)).memory[0]
         return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())

@@ -192,8 +192,9 @@ def steady_loop(joint: Hysteresis, y_peak: Real[ArrayLike, "..."]) -> SteadyLoop
         21.8 pJ/kg
     """
     require_closed_form(joint)
-    require_finite(joint, y_peak=y_peak)
-    require_at_least("y_peak", y_peak, 0.0)
+    if is_concrete(y_peak):
+        require_finite(joint, y_peak=y_peak)
+        require_at_least("y_peak", y_peak, 0.0)
     loop = _loop(joint, y_peak)
     if is_concrete(joint, y_peak, loop):
         _warn_saturated(joint, y_peak, loop)

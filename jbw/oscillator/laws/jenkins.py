@@ -23,7 +23,7 @@ from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
     exponentials,
-    gauss_legendre_between,
+    gauss_legendre,
     synthesis,
 )
 from jbw.quantities import Quantity
@@ -268,7 +268,7 @@ class Jenkins(Law):
         total = jnp.zeros_like(q)
         for alpha, phi in zip(self.alpha, self.phi, strict=True):
             begin, slip_angle = stop_gradient((start, angle_of(q, start, peak - 2.0 * phi)))
-            theta, weights = gauss_legendre_between(num_nodes, begin, slip_angle, begin + jnp.pi)
+            theta, weights = gauss_legendre(num_nodes, begin, slip_angle, begin + jnp.pi)
             basis = exponentials(theta, q.shape[0])
             r = self._unloading(phi, peak, jnp.sum(basis * q, -1).real)
             total = total + alpha * ((weights * r) @ basis.conj())

@@ -23,7 +23,7 @@ from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
     exponentials,
-    gauss_legendre_between,
+    gauss_legendre,
 )
 from jbw.quantities import Quantity
 
@@ -101,7 +101,7 @@ class KinkedSpring(Spring):
         displacements = (stop_gradient(jnp.asarray(corner.y, float)) for corner in self.corners())
         breaks = (angle_of(fixed, start, displacement) for displacement in displacements)
         num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
-        theta, weights = gauss_legendre_between(num_nodes, start, *breaks, start + jnp.pi)
+        theta, weights = gauss_legendre(num_nodes, start, *breaks, start + jnp.pi)
         basis = exponentials(theta, q.shape[0])
         y: Float[Array, " node"] = jnp.sum(basis * q, -1).real
         return 2.0 / jnp.pi * ((weights * self(y)) @ basis.conj())

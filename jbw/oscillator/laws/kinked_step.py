@@ -7,43 +7,26 @@ y compensate them: with J_2 the state is of order 4, and with J_3 its derivative
 derivatives are written out, because automatic differentiation costs several times as much.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
-
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool
 
 from jbw.oscillator.kinks import (
-    CubicPath,
     Ends,
     KinkImpulse,
     PathSlopes,
+    StepPath,
     barrier,
-    hermite,
     hermite_basis,
     kink_impulse,
-    passage,
     signed,
-    turning_point,
 )
-from jbw.oscillator.laws.piecewise_map import MoveSlopes, TwoMoves, two_moves
+from jbw.oscillator.laws.piecewise_map import Moved, two_moves
 from jbw.oscillator.parameters import Scalar
 
 # Derivatives with respect to delta, gamma, z, the slopes at start and end, the displacement and the
 # quartic term.
 Slopes = tuple[Scalar, ...]
 Law = tuple[Scalar, Scalar, Scalar]
-
-
-class _Motion(NamedTuple):
-    """The path of a step: turning point, curvature there, and the moves before and after it."""
-
-    path: CubicPath
-    turns: Bool[Array, "..."]
-    fraction: Scalar
-    sharpness: Scalar
-    moves: TwoMoves
 
 
 @jax.custom_jvp
@@ -79,48 +62,45 @@ def _kinked(
 
     Under jit the derivatives are computed only if they are used.
     """
-    motion = _motion(law, z, ends, quartic)
-    fraction_slopes, sharpness_slopes, by_path, by_quartic = _turn_slopes(motion, ends, quartic)
-    z_1 = motion.moves.end
-    turn_slopes = _along(motion.moves.turn_slopes, by_path, by_quartic)
-    end_slopes = _along(motion.moves.end_slopes, by_path, by_quartic)
-    turn, turn_impulses = _turn_impulse(
-        law, ends, motion, turn_slopes, sharpness_slopes, fraction_slopes
-    )
-    zero, zero_impulses = _zero_impulse(law, z, motion, end_slopes)
-    impulses = (barrier(_sum(*pair)) for pair in zip(turn_impulses, zero_impulses, strict=True))
-    return (z_1, turn.v + zero.v, turn.y + zero.y), (end_slopes, *impulses)
-
-
-def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
-    """Return the path of a step, its turning point, and the hysteretic force z along it."""
-    start, end, rise = ends
-    turns = jnp.asarray(start * end < 0.0)
-    path = barrier(hermite(*ends))
-    fraction, sharpness = turning_point(turns, path)
-    weight = (fraction * (1.0 - fraction)) ** 2
-    before = barrier(jnp.where(turns, path.move(fraction) + quartic * weight, rise))
+    start, end, _ = ends
+    path = StepPath.through(ends, quartic)
     directions = jnp.where(start == 0.0, end, start), end
-    moves = two_moves(*law, z, (before, rise - before), directions)
-    return _Motion(path, turns, fraction, sharpness, moves)
+    turned, ended, zero = two_moves(*law, z, (path.before, path.after), directions)
+    fraction_slopes, sharpness_slopes, by_path, by_quartic = _turn_slopes(path, start)
+    force_slopes = []  # of z at the turning point and at the end
+    for _, (by_delta, by_gamma, by_z, by_first, by_second) in (turned, ended):
+        more = by_first - by_second
+        by_start, by_end, by_rise = (more * x for x in by_path)
+        slopes = by_delta, by_gamma, by_z, by_start, by_end, by_rise + by_second, more * by_quartic
+        force_slopes.append(barrier(slopes))
+    turn_slopes, end_slopes = force_slopes
+    at_turn, turn_impulses = _turn_impulse(
+        law, end, path, (turned[0], turn_slopes), sharpness_slopes, fraction_slopes
+    )
+    at_zero, zero_impulses = _zero_impulse(law, (z, ended[0]), path, zero, end_slopes)
+    impulses = (
+        barrier(tuple(a + b for a, b in zip(*pair, strict=True)))
+        for pair in zip(turn_impulses, zero_impulses, strict=True)
+    )
+    return (ended[0], at_turn.v + at_zero.v, at_turn.y + at_zero.y), (end_slopes, *impulses)
 
 
 def _turn_slopes(
-    motion: _Motion, ends: Ends, quartic: Scalar
+    path: StepPath, start: Scalar
 ) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
     """Return derivatives of turning point, curvature and first move with respect to the path.
 
     Because the cubic is flat there, its move depends only on the path and not on where it turns.
     """
-    move, slope, bend = hermite_basis(motion.fraction)
-    per_bend = barrier(jnp.where(motion.turns, signed(1.0 / motion.sharpness, ends[0]), 0.0))
+    s = path.fraction
+    move, slope, bend = hermite_basis(s)
+    per_bend = barrier(jnp.where(path.turns, signed(1.0 / path.sharpness, start), 0.0))
     fraction = PathSlopes(*barrier(tuple(per_bend * x for x in slope)))
-    sign = -signed(1.0, ends[0])
-    twist = 6.0 * motion.path.c_3
+    sign = -signed(1.0, start)
+    twist = 6.0 * path.cubic.c_3
     sharpness = (sign * (b + twist * f) for b, f in zip(bend, fraction, strict=True))
-    s = motion.fraction
     weight = s * (1.0 - s)
-    shift = 2.0 * quartic * weight * (1.0 - 2.0 * s)
+    shift = 2.0 * path.quartic * weight * (1.0 - 2.0 * s)
     move = (m + shift * f for m, f in zip(move, fraction, strict=True))
     return (
         fraction,
@@ -130,29 +110,25 @@ def _turn_slopes(
     )
 
 
-def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes:
-    delta, gamma, z, first, second = moves
-    more = first - second
-    start, end, rise = (more * x for x in by_path)
-    return barrier((delta, gamma, z, start, end, rise + second, more * by_quartic))
-
-
 def _turn_impulse(
     law: Law,
-    ends: Ends,
-    motion: _Motion,
-    z_slopes: Slopes,
+    end: Scalar,
+    path: StepPath,
+    force: tuple[Scalar, Slopes],
     sharpness_slopes: PathSlopes,
     fraction_slopes: PathSlopes,
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return how a reversal corrects velocity v and displacement y of a step, with derivatives."""
-    gamma, z = law[2], motion.moves.turn
-    twice = jnp.where(motion.turns, -2.0, 0.0)
-    sharpness, twist = motion.sharpness, signed(6.0 * motion.path.c_3, ends[1])
+    """Return how a reversal corrects velocity v and displacement y of a step, with derivatives.
+
+    `force` is z at the turning point, with its derivatives; `end` is the path's slope at its end.
+    """
+    gamma, (z, z_slopes) = law[2], force
+    twice = jnp.where(path.turns, -2.0, 0.0)
+    sharpness, twist = path.sharpness, signed(6.0 * path.cubic.c_3, end)
     impulse = kink_impulse(
-        1.0 - motion.fraction, twice * gamma * sharpness * z, twice * gamma * twist * z
+        1.0 - path.fraction, twice * gamma * sharpness * z, twice * gamma * twist * z
     )
-    six = signed(6.0, ends[1])
+    six = signed(6.0, end)
     twist_slopes = PathSlopes(six, six, -2.0 * six)
 
     def by_path(weights):
@@ -174,15 +150,26 @@ def _turn_impulse(
 
 
 def _zero_impulse(
-    law: Law, z: Scalar, motion: _Motion, end_slopes: Slopes
+    law: Law,
+    forces: tuple[Scalar, Scalar],
+    step_path: StepPath,
+    zero: Moved,
+    end_slopes: Slopes,
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return how the zero of the force z changes v and y of a step, with derivatives."""
+    """Return how the zero of the force z changes v and y of a step, with derivatives.
+
+    `forces` is z at the start and at the end, and `zero` the move from the start to its zero.
+    """
     alpha, delta, gamma = law
-    path, z_1 = motion.path, motion.moves.end
+    (z, z_1), path = forces, step_path.cubic
+    move_to_zero, (zero_delta, zero_gamma, zero_z, *_) = zero
     crosses = z * z_1 < 0.0
-    steady = crosses & ~motion.turns
+    steady = crosses & ~step_path.turns
     share = barrier(1.0 / jnp.where(crosses, z - z_1, 1.0))
-    s = passage(steady, path, z * share, motion.moves.zero)  # pyright: ignore[reportArgumentType]
+    # One Newton step from linear interpolation has an error of O(h^3).
+    guess: Scalar = z * share
+    slope = jnp.where(steady, path.slope(guess), 1.0)
+    s = barrier(guess - jnp.where(steady, (path.move(guess) - move_to_zero) / slope, 0.0))
     speed, bend = barrier((path.slope(s), path.bend(s)))
     size = jnp.abs(speed)
     twice = jnp.where(crosses, -2.0 * alpha, 0.0)
@@ -195,8 +182,7 @@ def _zero_impulse(
     move_basis, slope_basis, bend_basis = (barrier(tuple(b)) for b in hermite_basis(s))
     per_speed = barrier(jnp.where(steady, 1.0 / jnp.where(steady, speed, 1.0), 0.0))
     chord = jnp.where(steady, 0.0, share**2)
-    zero = motion.moves.zero_slopes
-    targets = (zero.delta, zero.gamma, zero.z, *(-x for x in move_basis), 0.0)
+    targets = (zero_delta, zero_gamma, zero_z, *(-x for x in move_basis), 0.0)
     s_slopes = tuple(
         per_speed * a + chord * z * b for a, b in zip(targets, end_slopes, strict=True)
     )
@@ -221,7 +207,3 @@ def _zero_impulse(
         return by_delta, by_gamma, by_z, *by_path, by_quartic
 
     return impulse, (by_all(impulse.v_slopes), by_all(impulse.y_slopes))
-
-
-def _sum(first: Sequence[Scalar], second: Sequence[Scalar]) -> Slopes:
-    return tuple(a + b for a, b in zip(first, second, strict=True))

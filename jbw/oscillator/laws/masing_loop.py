@@ -17,7 +17,7 @@ from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
     exponentials,
-    gauss_legendre_between,
+    gauss_legendre,
     synthesis,
 )
 
@@ -35,7 +35,7 @@ def steady_loop(law: Masing, y_peak: Scalar) -> tuple[Scalar, Scalar]:
     # The angle at which x reaches the kink; pi if the loop does not reach it.
     share = 1.0 if kink is None else jnp.minimum(stop_gradient(kink.y / peak), 1.0)
     inner = 2.0 * jnp.arcsin(jnp.sqrt(share))
-    theta, weights = gauss_legendre_between(_NODES, 0.0, inner, jnp.pi)
+    theta, weights = gauss_legendre(_NODES, 0.0, inner, jnp.pi)
     lag, _ = law.lag(peak * jnp.sin(0.5 * theta) ** 2)
     real = 4.0 / jnp.pi * jnp.sum(weights * lag * jnp.cos(theta)) / peak
     tip, _ = law.lag(peak)
@@ -51,7 +51,7 @@ def steady_harmonics(law: Masing, q: Complex[Array, " harmonic"]) -> Complex[Arr
     place = peak if kink is None else peak - 2.0 * kink.y
     begin, inner = stop_gradient((start, angle_of(q, start, place)))
     num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
-    theta, weights = gauss_legendre_between(num_nodes, begin, inner, begin + jnp.pi)
+    theta, weights = gauss_legendre(num_nodes, begin, inner, begin + jnp.pi)
     basis = exponentials(theta, q.shape[0])
     y = jnp.sum(basis * q, -1).real
     return 2.0 / jnp.pi * ((weights * _unloading(law, peak, y)) @ basis.conj())

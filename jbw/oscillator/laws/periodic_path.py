@@ -25,7 +25,6 @@ from jbw.oscillator.steady.waveform import (
     exponentials,
     flatter,
     gauss_legendre,
-    gauss_legendre_between,
     synthesis,
 )
 
@@ -67,7 +66,7 @@ def relaxed_force(
     start_fixed = stop_gradient(start)
     zero = angle_of(*stop_gradient((q, start, y_open)))
     num_nodes = _NODES + _NODES_PER_HARMONIC * num_harmonics
-    theta, weights = gauss_legendre_between(num_nodes, start_fixed, zero, start_fixed + jnp.pi)
+    theta, weights = gauss_legendre(num_nodes, start_fixed, zero, start_fixed + jnp.pi)
     basis = exponentials(theta, num_harmonics)
     y = jnp.sum(basis * q, -1).real
     r = -(y_open + unloading_lag(y, y_open, delta, gamma))

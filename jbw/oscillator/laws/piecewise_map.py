@@ -49,14 +49,6 @@ def _polynomial(terms: list, x: Scalar) -> Scalar:
     return terms[0]
 
 
-def _far_saturation(x: Scalar) -> Scalar:
-    """Return P(x) for |x| <= 4, by P(2x) = P(x) (1 - x P(x)/2)."""
-    x = 0.25 * x
-    p = barrier(_polynomial(_P, x))
-    p = p * (1.0 - 0.5 * x * p)
-    return barrier(p * (1.0 - x * p))
-
-
 def saturation_slope(x: Scalar) -> Scalar:
     """Return P'(x) for |x| <= 4, by 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
     x = 0.25 * x
@@ -80,8 +72,13 @@ def segment(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Sc
     $$z_1 = z + (\alpha - c z)\,\phi, \quad \phi = dy\,P(c\,dy), \qquad
       \partial_{dy} z_1 = \alpha - c z_1, \quad \partial_z z_1 = 1 - c\phi, \quad
       \partial_c z_1 = (\alpha - c z)\,dy^2 P'(c\,dy) - z\phi$$
+
+    P is computed at a quarter of its argument, by $P(2x) = P(x) (1 - x P(x)/2)$.
     """
-    phi = dy * _far_saturation(c * dy)
+    x = 0.25 * (c * dy)
+    p = barrier(_polynomial(_P, x))
+    p = p * (1.0 - 0.5 * x * p)
+    phi = dy * barrier(p * (1.0 - x * p))
     return barrier((z + (alpha - c * z) * phi, phi))
 
 
@@ -124,36 +121,12 @@ def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Sca
 
 
 Pair = tuple[Scalar, Scalar]
+Meets = Bool[Array, "..."]
 
 
-class MoveSlopes(NamedTuple):
-    """The derivatives of a result of two moves; that for alpha follows from proportionality."""
-
-    delta: Scalar
-    gamma: Scalar
-    z: Scalar
-    first: Scalar
-    second: Scalar
-
-
-class TwoMoves(NamedTuple):
-    """The force z after each of two moves, and where z passes zero during the first move.
-
-    Attributes:
-        turn: z after the first move [N/kg].
-        end: z after the second move [N/kg].
-        zero: Signed move from the start to the zero of z, if the first move crosses it [m].
-        turn_slopes: Derivatives of `turn`.
-        end_slopes: Derivatives of `end`.
-        zero_slopes: Derivatives of `zero`.
-    """
-
-    turn: Scalar
-    end: Scalar
-    zero: Scalar
-    turn_slopes: MoveSlopes
-    end_slopes: MoveSlopes
-    zero_slopes: MoveSlopes
+# A result of two moves, and its derivatives with respect to delta, gamma, the initial force z and
+# the two moves; that for alpha follows from proportionality.
+Moved = tuple[Scalar, tuple[Scalar, Scalar, Scalar, Scalar, Scalar]]
 
 
 class _Segment(NamedTuple):
@@ -168,23 +141,15 @@ class _Segment(NamedTuple):
     phi: Scalar
 
 
-class _Segments(NamedTuple):
-    """The segments of two moves, which of the moves crosses z = 0, and the distance past zero."""
-
-    a: _Segment
-    b: _Segment
-    c: _Segment
-    early: Bool[Array, "..."]
-    late: Bool[Array, "..."]
-    past: Scalar
-
-
 def two_moves(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
-) -> TwoMoves:
-    """Return the force z after each of two monotone moves, one of which may pass through z = 0."""
-    segments = _segments(alpha, delta, gamma, z, moves, directions)
-    a, b, c, early, late, past = segments
+) -> tuple[Moved, Moved, Moved]:
+    """Return the force z after each of two monotone moves, and the signed move to a zero of z.
+
+    One of the moves may pass through z = 0; the third result is from the start to that point, if it
+    is in the first move. Each result comes with its derivatives.
+    """
+    (a, b, c), (early, late), past = _segments(alpha, delta, gamma, z, moves, directions)
     length_a = jnp.where(early, past - moves[0], moves[0])
     length_b = jnp.where(early | late, past, moves[1])
     bend_a, bend_b, bend_c = (
@@ -207,19 +172,12 @@ def two_moves(
     end_b = barrier(jnp.where(early, after * own_b, end_b))
     end_c = barrier((alpha - c.c * c.start) * bend_c - c.start * c.phi)
     none = jnp.zeros_like(by_z)
-    return TwoMoves(
-        jnp.where(early, b.end, a.end),
-        c.end,
-        -length_a,
-        MoveSlopes(*_by_law((a, by_a), (b, turn_b)), by_z, by_first, none),
-        MoveSlopes(
-            *_by_law((a, after * by_a), (b, end_b), (c, end_c)),
-            after * by_z,
-            after * by_first,
-            slope_c,
-        ),
-        MoveSlopes(*_by_law((a, zero_a)), -per_start, none, none),
-    )
+    turn_slopes = *_by_law((a, by_a), (b, turn_b)), by_z, by_first, none
+    by_law = _by_law((a, after * by_a), (b, end_b), (c, end_c))
+    end_slopes = *by_law, after * by_z, after * by_first, slope_c
+    zero_slopes = *_by_law((a, zero_a)), -per_start, none, none
+    turn = jnp.where(early, b.end, a.end)
+    return (turn, turn_slopes), (c.end, end_slopes), (-length_a, zero_slopes)
 
 
 def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
@@ -230,11 +188,12 @@ def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
 
 def _segments(
     alpha: Scalar, delta: Scalar, gamma: Scalar, z: Scalar, moves: Pair, directions: Pair
-) -> _Segments:
+) -> tuple[tuple[_Segment, _Segment, _Segment], tuple[Meets, Meets], Scalar]:
     """Divide two moves into three segments, each of which ends where z vanishes or a move ends.
 
     The first segment is the first move as if z kept its sign. Each other segment is the part of a
-    move after a zero of z, or else the second move.
+    move after a zero of z, or else the second move. It is also returned whether the first or the
+    second move crosses z = 0, and the distance past zero.
     """
 
     def along(gamma_sign, delta_sign, start, length):
@@ -255,4 +214,4 @@ def _segments(
     sign_c = jnp.where(late, second, signed(1.0, b.end))
     rest = jnp.where(late, moves[1] + past, jnp.where(early, moves[1], 0.0))
     c = along(second, sign_c, jnp.where(late, 0.0, b.end), rest)
-    return _Segments(a, b, c, early, late, past)
+    return (a, b, c), (early, late), past

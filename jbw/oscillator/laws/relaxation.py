@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
-from jbw.oscillator.steady.waveform import gauss_legendre, gauss_legendre_between
+from jbw.oscillator.steady.waveform import gauss_legendre
 
 # Coefficients of atanh(r)/r in r^2; at |s| = 1/2, r^2 <= 1/9 and the first omitted term is below
 # 1e-17.
@@ -181,7 +181,7 @@ def loop_harmonics(
     integrated analytically, so that the harmonics stay accurate where the lag is small; the
     imaginary part of the first harmonic is the area divided by pi.
     """
-    theta, weights = gauss_legendre_between(_NUM_NODES_HARMONICS, 0.0, jnp.arccos(opening), jnp.pi)
+    theta, weights = gauss_legendre(_NUM_NODES_HARMONICS, 0.0, jnp.arccos(opening), jnp.pi)
     shape = (x[..., None] for x in (opening, d, gamma))
     lost = 2.0 / jnp.pi * weights * unloading_lag(jnp.cos(theta), *shape)
 

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 
 from jbw.oscillator.adjoint import in_chunks
 from jbw.oscillator.kinks import barrier
-from jbw.oscillator.law import pack_memories, unpack_memories
+from jbw.oscillator.law import packed, unpacked
 from jbw.oscillator.modes.step import (
     Begun,
     JointKernel,
@@ -70,11 +70,10 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
         state, kicks = modal_advance(stepping.step, state, stepping.push(powers))
         return state, (state, kicks)
 
-    q, v, memories = jax.tree.map(jnp.asarray, initial)
-    first = q, v, pack_memories(laws, memories)
+    first = packed(laws, jax.tree.map(jnp.asarray, initial))
     _, following = jax.lax.scan(onward, first, stepping.pieces)
-    (q, v, memories), kicks = _joined((first, _no_kicks(stepping.step, first)), following)
-    return (q, v, unpack_memories(laws, memories)), kicks
+    states, kicks = _joined((first, _no_kicks(stepping.step, first)), following)
+    return unpacked(laws, states), kicks
 
 
 def _no_kicks(step: ModalStep, state: ModalState) -> tuple:

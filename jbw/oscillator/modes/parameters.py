@@ -83,7 +83,7 @@ def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
     others = (_mode(theta, names) for names in NAMES if names.omega in theta)
     fields = (jnp.stack(jnp.broadcast_arrays(*field)) for field in zip(first, *others, strict=True))
     omega_n, zeta, h, p, b = fields
-    forces = tuple(law.of(theta) for law in laws_named(laws))
+    forces = tuple(law.build(theta) for law in laws_named(laws))
     return Structure(omega_n, zeta, h, p, b, jnp.ones_like(b), forces)
 
 

@@ -25,7 +25,7 @@ from jbw.oscillator.linear import impulse_moments
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.rare import where_rare
-from jbw.oscillator.solver import Pushed, weighted
+from jbw.oscillator.solver import Pushed
 from jbw.oscillator.step import (
     NUM_MOMENTS,
     End,
@@ -214,7 +214,10 @@ class ModalStepping(eqx.Module):
     def push(self, powers: tuple[Any, ...]) -> ModalPush:
         """Return the effect of the input on each mode in a substep, from its polynomial there."""
         on_q, on_v = (
-            tuple(weighted(weights, powers) for weights in modes)
+            tuple(
+                added(weight * power for weight, power in zip(weights, powers, strict=True))
+                for weights in modes
+            )
             for modes in (self.on_q, self.on_v)
         )
         return on_q, on_v, self.gain * powers[0]
@@ -225,7 +228,7 @@ class ModalStepping(eqx.Module):
         weights = [jnp.stack(moments) for moments in (*self.on_q, *self.on_v)]
         rows = tuple(jnp.stack([*weights, start]) @ jnp.stack(self.pieces))
         count = len(self.on_q)
-        return Pushed(self.step, (rows[:count], rows[count:-1], rows[-1]))
+        return self.step, (rows[:count], rows[count:-1], rows[-1])
 
 
 def modal_stepping(

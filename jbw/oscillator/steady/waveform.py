@@ -114,22 +114,20 @@ def angle_of(
 
 
 def gauss_legendre(
-    num_nodes: int, lower: Real[ArrayLike, "..."], upper: Real[ArrayLike, "..."]
-) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Return Gauss nodes and weights on [lower, upper], exact to degree 2 num_nodes - 1."""
-    nodes, weights = _rule(num_nodes)
-    lower, upper = jnp.broadcast_arrays(jnp.asarray(lower, float), jnp.asarray(upper, float))
-    width = (upper - lower)[..., None]
-    return lower[..., None] + width * nodes, width * weights
-
-
-def gauss_legendre_between(
     num_nodes: int, *breaks: Real[ArrayLike, "..."]
 ) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    """Return Gauss nodes and weights on all intervals between rising break points."""
-    segments = (gauss_legendre(num_nodes, lower, upper) for lower, upper in pairwise(breaks))
-    nodes, weights = (jnp.concatenate(parts, -1) for parts in zip(*segments, strict=True))
-    return nodes, weights
+    """Return Gauss nodes and weights on the intervals between rising break points.
+
+    They are exact to degree 2 num_nodes - 1 on each interval.
+    """
+    rule, shares = _rule(num_nodes)
+    nodes, weights = [], []
+    for ends in pairwise(breaks):
+        lower, upper = jnp.broadcast_arrays(*(jnp.asarray(end, float) for end in ends))
+        width = (upper - lower)[..., None]
+        nodes.append(lower[..., None] + width * rule)
+        weights.append(width * shares)
+    return jnp.concatenate(nodes, -1), jnp.concatenate(weights, -1)
 
 
 @cache

@@ -1,4 +1,4 @@
-r"""Noise tests whose drive and response have different clocks: a constant, growing or jumping lag.
+r"""Faults of noise tests: different clocks of drive and response, and noise of a measured drive.
 
 A constant lag is a delay, one that grows along the record comes from two clocks of different
 speed, and one that jumps from a block of samples that one channel lost. Parts of a record have the
@@ -7,6 +7,14 @@ its joint does,
 
 $$\arg \frac{Y}{U} = -\omega\,\tau - \frac{2\zeta\,r}{1 - r^2} - k\pi, \quad
   r = \omega / \omega_n$$
+
+A fit takes the measured drive as exact. White noise of the drive channel passes the resonance and
+appears in the predicted response as an error that no residual reveals, as narrow as the resonance.
+Its ratio to the noise of the response's channel is
+
+$$r = |H|^2_{max}\, S_u / S_y$$
+
+Two repeats determine both noises from their difference on lines that the drive does not excite.
 """
 
 from collections.abc import Iterator
@@ -18,12 +26,13 @@ from scipy.special import fdtrc
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.faults.fault import Fault, doubt
-from jbw.measurement.records import Record
+from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.resonances import swept
 from jbw.measurement.spans import kept_before
 from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order
 from jbw.report.messages import clock_faults as messages
+from jbw.report.messages import record_faults
 
 # Lines with |1 - r^2| above this are used, where r is the frequency ratio, because damping hardly
 # shifts their phase.
@@ -41,6 +50,15 @@ COHERENT = 0.5  # smallest mean coherence of drive and response with which a lag
 MOST_TURNS = 3  # number of half turns of phase that are tried on either side of the nearest one
 ODDS = 1e-6  # probability of mistaking chance for a lag
 TURNED = 0.05  # phase error at the end of the record [rad] below which damping is not affected
+EMPTY = 0.1  # Lines below this fraction of the drive's largest line count as not driven.
+FEWEST_EMPTY = 32  # smallest number of lines for a median
+HALF = 0.5  # Lines above this fraction of the largest power belong to the resonance.
+# If more than this fraction of the difference between two drives appears in the response, the
+# structure responded to it.
+MEASURED = 0.5
+# largest difference of power between the drives of two repeats, relative to the drive's power
+ONE_DRIVE = 0.1
+MORE = 1.0  # smallest ratio r that is reported
 
 
 def untimely(record: Record, delay: float) -> Iterator[Fault]:
@@ -208,3 +226,43 @@ def _course(time: Reals, lags: Reals) -> tuple[float, tuple[float, float, float]
     slope = float(growing.values[1]) if chosen is growing else 0.0
     step = float(time[before]), float(time[after]), float(jump.values[1])
     return slope, step if chosen is jump else None
+
+
+def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
+    """Yield a warning if noise of the drive, seen in two repeats, exceeds the response's noise."""
+    if not set(INPUTS) & first.channels.keys():
+        return
+    role, y = first.source, first.response
+    if not {role, y} <= second.channels.keys() or first.fs != second.fs:
+        return
+    u, x = ([record.channels[name] for record in (first, second)] for name in (role, y))
+    if len(u[0]) != len(u[1]) or not all(np.all(np.isfinite(samples)) for samples in (*u, *x)):
+        return
+    ratio = passed_on(np.stack(u), np.stack(x))
+    if ratio > MORE:
+        yield doubt(role, *record_faults.noisy_drive(role, ratio**0.5, y))
+
+
+def passed_on(u: Reals, y: Reals) -> float:
+    """Return the ratio r of drive noise to response noise at the resonance, from two repeats.
+
+    The ratio is zero in three cases: the drives of the repeats differ; they leave too few lines
+    without excitation; or the response followed the difference of the drives, which is then a real
+    force and no noise of the drive's channel.
+    """
+    if np.mean((u[1] - u[0]) ** 2) > ONE_DRIVE * np.mean(u**2):
+        return 0.0
+    drive, response = np.abs(np.fft.rfft(u.mean(axis=0))), np.abs(np.fft.rfft(y.mean(axis=0)))
+    of_drive, of_response = (
+        np.abs(np.fft.rfft(repeats[1] - repeats[0])) ** 2 for repeats in (u, y)
+    )
+    empty = drive < EMPTY * drive.max()
+    if np.sum(empty) < FEWEST_EMPTY:
+        return 0.0
+    noise, response_noise = np.median(of_drive[empty]), np.median(of_response[empty])
+    peak = ~empty & (response**2 > HALF * np.max(response[~empty] ** 2))
+    gain = np.sum(response[peak] ** 2) / np.sum(drive[peak] ** 2)
+    passed = gain * noise
+    if response_noise <= 0 or np.mean(of_response[peak]) > response_noise + MEASURED * passed:
+        return 0.0
+    return float(passed / response_noise)
