@@ -48,7 +48,7 @@ _QUOTED = re.compile(r"`([^`]*)`")
 
 
 def _as_code(value: Any) -> Any:
-    """Escape a text for HTML, with its parts in backticks as code."""
+    """Return a text escaped for HTML, with its parts in backticks as code."""
     if not isinstance(value, str) or isinstance(value, Markup) or "`" not in value:
         return value
     return Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(value))))
