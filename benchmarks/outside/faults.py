@@ -184,7 +184,7 @@ def clock_error(rng: Rng, drawn: Drawn) -> Drawn:
 
 @_fault(
     ("decay", "sweep"),
-    r"independent values|ends? (early|before)|short|stops|not (passed|reached)|outside",
+    r"independent values|ends? (early|before)|short|stops|not (pass|reach)|outside",
 )
 def early_stop(rng: Rng, drawn: Drawn) -> Drawn:
     """End the record too early: before the end of the decay, or before the resonance."""

@@ -97,6 +97,7 @@ EXAMPLES = {
         decay_faults.second_blow(2.21, 0.3, f"{KEEP_OR_EXCLUDE}.", grows=True),
         decay_faults.second_blow(2.21, 0.3, f"{KEEP_OR_EXCLUDE}.", grows=False),
         decay_faults.steady_line("50.01", 0.03),
+        decay_faults.unpassed(10.0, 18.5, 21.0),
         decay_faults.windowed(0.8, 0.05),
     ],
     "gain_faults": [

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from typing import Any
@@ -13,14 +13,17 @@ from jbw.cache import cached, keep
 from jbw.errors import DataError, JbwError
 from jbw.measurement.faults.begins_late import begins_late
 from jbw.measurement.faults.drop_off import RANDOM, drive_course
-from jbw.measurement.faults.fault import Fault
+from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypotheses import explained
 from jbw.measurement.faults.hypothesis import Facts, Fits
 from jbw.measurement.faults.responses import about_peak, undecaying
+from jbw.measurement.faults.second_mode import damping_rate, first_hz
 from jbw.measurement.readings.read import decay_fits, sweep_fits, swept_signal
+from jbw.measurement.readings.sweep import SweepFits
 from jbw.measurement.readings.table import MeasuredChange, ModeReading, read_fits
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spans import start_of
+from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.reading import none_decays
 from jbw.sources import sources_of
 
@@ -111,8 +114,18 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
     _, varies = drive_course(signal)
     if varies > RANDOM or (fits := sweep_fits(signal)) is None:
         return Examined(None, (), band)
+    if unpassed := tuple(_unpassed(fits, record)):
+        return Examined(None, unpassed, band)
     faults = tuple(explained(fits, Facts(record, 0.0, delay_s, band)))
     return Examined(_read_fits(fits), faults, band)
+
+
+def _unpassed(fits: SweepFits, record: Record) -> Iterator[Fault]:
+    """Yield a warning if a sweep ends more than half a half-power width before the resonance."""
+    hz, half_width = first_hz(fits), damping_rate(fits) / (2 * np.pi)
+    low, high = (float(end) / (2 * np.pi) for end in np.quantile(fits.signal.rate, [0, 1]))
+    if not low - half_width < hz < high + half_width:
+        yield doubt(record.response, *messages.unpassed(low, high, hz))
 
 
 def _read_fits(fits: Fits) -> ModeReading | None:

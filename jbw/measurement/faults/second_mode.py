@@ -62,7 +62,7 @@ class SecondMode(Hypothesis):
         low, high = DAMPINGS
         if isinstance(fits, SweepFits):
             rate = fits.signal.rate
-            second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
+            second = 2 * np.pi * first_hz(fits) + float(values[1]) * damping_rate(fits)
             passed = low < abs(values[0]) < high and rate.min() < second < rate.max()
             # A mode nearer than `NEAREST` would be the first mode itself, with a lag.
             return bool(passed and abs(float(values[1])) > NEAREST)
@@ -76,9 +76,9 @@ class SecondMode(Hypothesis):
         That band is tried on a decay: what it leaves of the second mode, or eats of the record,
         must not move the first.
         """
-        first = _first_hz(fits)
+        first = first_hz(fits)
         away = values[2] if isinstance(fits, DecayFits) else values[1]
-        second = first + float(away) * _rate(fits) / (2 * np.pi)
+        second = first + float(away) * damping_rate(fits) / (2 * np.pi)
         band = beside(first, second, facts.band_hz)
         driven = not isinstance(fits, DecayFits)
         narrower = band if driven or _keeps_mode(band, facts) else None
@@ -130,19 +130,20 @@ def _keeps_mode(band_hz: tuple[float, float], facts: Facts) -> bool:
     fits = decay_fits(facts.record, band_hz, facts.settle_s)
     if fits is None:
         return False
-    hz, zeta = _first_hz(fits), _rate(fits) / (2 * np.pi * _first_hz(fits))
-    first_hz, first_zeta = facts.mode
-    moved = abs(hz / first_hz - 1) / first_zeta, abs(zeta / first_zeta - 1)
+    hz, zeta = first_hz(fits), damping_rate(fits) / (2 * np.pi * first_hz(fits))
+    expected_hz, expected_zeta = facts.mode
+    moved = abs(hz / expected_hz - 1) / expected_zeta, abs(zeta / expected_zeta - 1)
     return max(moved) < MOVED
 
 
-def _rate(fits: Fits) -> float:
+def damping_rate(fits: Fits) -> float:
     """Return the damping rate of the fitted linear mode [1/s]."""
     at = 2 if isinstance(fits, DecayFits) else 0
     return abs(float(fits.fits["linear"].theta[at])) * fits.scale
 
 
-def _first_hz(fits: Fits) -> float:
+def first_hz(fits: Fits) -> float:
+    """Return the frequency of the fitted linear mode [Hz]."""
     at = 3 if isinstance(fits, DecayFits) else 1
     turn = float(fits.fits["linear"].theta[at]) * fits.scale
     return fits.signal.centre_hz + turn / (2 * np.pi)
@@ -150,7 +151,7 @@ def _first_hz(fits: Fits) -> float:
 
 def _in_decay(fits: DecayFits, basis: str) -> Iterator[DecayCause]:
     signal = fits.signal
-    sigma, omega = _rate(fits), 2 * np.pi * (_first_hz(fits) - signal.centre_hz)
+    sigma, omega = damping_rate(fits), 2 * np.pi * (first_hz(fits) - signal.centre_hz)
     residual = fits.fits[basis].residual
     strongest, _ = strongest_line(residual, signal.step_s)
 
@@ -166,7 +167,7 @@ def _in_decay(fits: DecayFits, basis: str) -> Iterator[DecayCause]:
 
 
 def _in_sweep(fits: SweepFits, away: float) -> SweepCause:
-    rate, first = _rate(fits), 2 * np.pi * _first_hz(fits)
+    rate, first = damping_rate(fits), 2 * np.pi * first_hz(fits)
 
     def with_mode(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
         pole = -(abs(values[0]) + 1e-6) * rate + 1j * (first + values[1] * rate)

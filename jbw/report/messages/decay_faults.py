@@ -78,6 +78,16 @@ def steady_line(hz: str, share: float) -> FaultText:
     )
 
 
+def unpassed(low_hz: float, high_hz: float, hz: float) -> FaultText:
+    """Return the message that a sweep between two frequencies [Hz] does not pass a resonance."""
+    return FaultText(
+        f"The sweep from {low_hz:.4g} to {high_hz:.4g} Hz does not pass the resonance near "
+        f"{hz:.4g} Hz.",
+        "Frequency and damping would be extrapolated from motion away from the resonance.",
+        "Measure a sweep that passes the resonance.",
+    )
+
+
 def line_beside_drive(hz: str) -> FaultText:
     """Return the message on a spectral line [Hz] that the drive does not cause."""
     return FaultText(
