@@ -296,8 +296,7 @@ def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> Forced
     point = along(peak, place)
     level = peak.level.reshape(*peak.level.shape, *(1,) * (place.ndim - peak.level.ndim))
     # If the loops depend on the frequency, each round uses the frequency of the previous one.
-    depends = motion.num_harmonics > 1 or motion.feels_rate
-    for _ in range(MOST_ROUNDS if depends else 1):
+    for _ in range(MOST_ROUNDS if motion.feels_frequency else 1):
         before = point.omega
         loops = motion.loops(point.y, before)
         point = curve_points(loops, level, point.y, np.sign(place))

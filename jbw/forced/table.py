@@ -1,6 +1,6 @@
 """Tables of equivalent stiffness and loss against amplitude, which make searches fast."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -61,8 +61,8 @@ def tabulated(motion: EquivalentMotion, low: Values, high: Values, num_nodes: in
     """
     log_y = np.log(low) + (np.log(high) - np.log(low)) * np.linspace(0.0, 1.0, num_nodes)
     y, omega = np.exp(log_y), wide(motion.omega_n, log_y)
-    if motion.feels_rate or motion.num_harmonics > 1:
-        stiffness, _ = EquivalentMotion(motion.joint).values(y, omega)
+    if motion.feels_frequency:
+        stiffness, _ = replace(motion, num_harmonics=1).values(y, omega)
         omega = np.sqrt(np.where(stiffness > 0, stiffness, np.nan))
     if motion.feels_rate:
         parts = np.stack(motion.loops(y, omega)[:3])
