@@ -257,8 +257,7 @@ def along(peak: Peaks, place: Values) -> ForcedCurve:
 def places(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> Values:
     """Return values of the curve parameter t that cover a band of frequencies [rad/s]."""
     far = np.max([np.abs(motion.omega_n**2 - end**2) for end in band], axis=0)
-    lowest = np.maximum(0.5 * peak.level / far, peak.table.y[:, :1])
-    ends = np.arccosh(np.maximum(peak.y / lowest, 4.0))
+    ends = np.arccosh(np.maximum(2.0 * peak.y * far / peak.level, 4.0))
     return ends[..., None] * np.linspace(-1.0, 1.0, 2 * POINTS + 1)
 
 

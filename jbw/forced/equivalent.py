@@ -19,7 +19,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Int
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, ModelError
@@ -32,10 +32,11 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import crest, orders, synthesis
 
 Values = NDArray[np.float64]
+Mode = Int[Array | np.ndarray, ""]  # index of the mode
 LANES = 128  # number of points in a compiled call, whatever the number of draws
 STEP = 1e-4  # relative step of amplitude or frequency in finite differences
-# change of the joints' harmonics, relative to the largest, at which their iteration ends; and largest
-# number of iterations
+# change of the joints' harmonics, relative to the largest, at which their iteration ends; and the
+# largest number of iterations
 CONDENSED, MOST_STEPS = 1e-13, 100
 MAX_TURNS = 2  # number of turning points of a joint in a period
 
@@ -103,6 +104,11 @@ class EquivalentMotion:
         return isinstance(self.joint, Structure)
 
     @property
+    def is_by_backbone(self) -> bool:
+        """Whether free vibration is described by K over the amplitude alone."""
+        return self.has_further_modes
+
+    @property
     def feels_frequency(self) -> bool:
         """Whether K and D depend on the frequency, so that they are found by iteration."""
         return self.num_harmonics > 1 or self.feels_rate or self.has_further_modes
@@ -113,30 +119,48 @@ class EquivalentMotion:
         All have the shape (draw, *any). They are NaN where y is not positive, or where the higher
         harmonics do not converge.
         """
-        return self._at_points(_loops, y, omega, self.num_harmonics)
+        stiffness, loss, *_ = self._at_points(y, omega)
+        return stiffness, loss
 
     def shapes(self, y: Values, omega: Values) -> tuple[Values, Values]:
         """Return the largest displacement over Y, and the joints' third harmonic over their first.
 
         Both are computed with the balanced number of harmonics, but at least two.
         """
-        return self._at_points(_shapes, y, omega, max(self.num_harmonics, 2))
+        several = max(self.num_harmonics, 2)
+        crests, third = self._by_lanes(partial(_shapes, num_harmonics=several), y, omega)
+        return crests, third
 
     def seen(self, y: Values, omega: Values) -> NDArray[np.complex128]:
         """Return the first harmonic of the measured displacement relative to Y: 1 for one mode."""
         if not self.has_further_modes:
             return np.ones(y.shape, complex)
-        real, imag = self._at_points(_seen, y, omega, self.num_harmonics)
+        _, _, real, imag, *_ = self._at_points(y, omega)
         return real + 1j * imag
 
-    def _at_points(
-        self, function: Callable[..., Array], y: Values, omega: Values, num_harmonics: int
-    ) -> tuple[Values, Values]:
+    def moved_along(self, y: Values, omega: Values) -> tuple[Values, Values]:
+        """Return the power of the force, and the kinetic energy, over those of the mode alone.
+
+        Both are 1 if the other modes do not move.
+        """
+        if not self.has_further_modes:
+            return np.ones_like(y), np.ones_like(y)
+        *_, power, mass = self._at_points(y, omega)
+        return power, mass
+
+    def _at_points(self, y: Values, omega: Values) -> Values:
+        """Return K, D and, for a mode of a structure, the other modes' parts, by (part, *point)."""
+        function = _modal_loops if self.has_further_modes else _loops
+        return self._by_lanes(partial(function, num_harmonics=self.num_harmonics), y, omega)
+
+    def _by_lanes(self, function: Callable[..., Array], y: Values, omega: Values) -> Values:
         draw = np.repeat(np.arange(y.shape[0]), y.size // y.shape[0])
         omega = np.broadcast_to(omega, y.shape)
-        function = partial(function, num_harmonics=num_harmonics, mode=self.mode)
-        pair = self.by_lanes(function, draw, y.ravel(), omega.ravel())
-        return pair[:, 0].reshape(y.shape), pair[:, 1].reshape(y.shape)
+        # The mode is an argument of the program, so that one program serves all modes.
+        rows = self.by_lanes(
+            partial(function, mode=np.asarray(self.mode)), draw, y.ravel(), omega.ravel()
+        )
+        return rows.T.reshape(-1, *y.shape)
 
     def by_lanes(
         self, function: Callable[..., Array], draw: NDArray[np.intp], *points: Values
@@ -158,7 +182,7 @@ class EquivalentMotion:
             padded = np.pad(lot, (0, LANES - len(lot)), "edge")
             joint = jax.tree.map(lambda leaf, i=draw[padded]: leaf[i], self.joint)
             rows.append(np.asarray(function(joint, *(x[padded] for x in points)))[: len(lot)])
-        width = rows[0].shape[1] if rows else 2
+        width = rows[0].shape[1] if rows else 8
         found = np.full((len(draw), width), np.nan)
         if rows:
             found[known] = np.concatenate(rows)
@@ -251,32 +275,56 @@ def _require_mode(mode: int, count: int) -> None:
         )
 
 
-@partial(jax.jit, static_argnames=("num_harmonics", "mode"))
+@partial(jax.jit, static_argnames="num_harmonics")
 def _loops(
-    joint: Oscillator | Structure,
+    joint: Oscillator,
     y: Float[Array, " lane"],
     omega: Float[Array, " lane"],
+    mode: Mode,
     num_harmonics: int,
-    mode: int,
 ) -> Float[Array, "lane 2"]:
-    def loop(joint: Oscillator | Structure, y: Array, omega: Array) -> Array:
-        if isinstance(joint, Structure) or num_harmonics > 1:
-            rows = _rows(joint)
-            force = condensed(rows, mode, y, omega, num_harmonics).force
-            return jnp.stack([rows.omega_n[mode] ** 2 + jnp.real(force), jnp.imag(force)])
+    def loop(joint: Oscillator, y: Array, omega: Array) -> Array:
+        if num_harmonics > 1:
+            force = condensed(_rows(joint), mode, y, omega, num_harmonics).force
+            return jnp.stack([joint.omega_n**2 + jnp.real(force), jnp.imag(force)])
         stiffness, loss = joint.loop(y, omega)
         return jnp.stack([joint.k + stiffness, loss])
 
     return jax.vmap(loop)(joint, y, omega)
 
 
-@partial(jax.jit, static_argnames=("num_harmonics", "mode"))
+@partial(jax.jit, static_argnames="num_harmonics")
+def _modal_loops(
+    structure: Structure,
+    y: Float[Array, " lane"],
+    omega: Float[Array, " lane"],
+    mode: Mode,
+    num_harmonics: int,
+) -> Float[Array, "lane 6"]:
+    """Return K, D, the measured displacement, and power and kinetic energy with all modes."""
+
+    def loop(structure: Structure, y: Array, omega: Array) -> Array:
+        motion = condensed(structure, mode, y, omega, num_harmonics)
+        h, p, b, c = (jnp.asarray(x) for x in (structure.h, structure.p, structure.b, structure.c))
+        stiffness = jnp.asarray(structure.omega_n)[mode] ** 2 + jnp.real(motion.force)
+        q, output = jnp.real(motion.q[:, 0]), c[0] @ motion.q[:, 0]
+        # By reciprocity, h over p of a mode is its modal mass, relative to that of any other mode.
+        sizes, effects = jnp.sum(jnp.abs(h), 0), jnp.sum(jnp.abs(p), 1)
+        mass = jnp.where(effects > 0.0, sizes / jnp.where(effects > 0.0, effects, 1.0), 0.0)
+        power, kinetic = (jnp.sum(mass * part) / mass[mode] for part in (b * q / b[mode], q**2))
+        loss = jnp.imag(motion.force)
+        return jnp.stack([stiffness, loss, output.real, output.imag, power, kinetic])
+
+    return jax.vmap(loop)(structure, y, omega)
+
+
+@partial(jax.jit, static_argnames="num_harmonics")
 def _shapes(
     joint: Oscillator | Structure,
     y: Float[Array, " lane"],
     omega: Float[Array, " lane"],
+    mode: Mode,
     num_harmonics: int,
-    mode: int,
 ) -> Float[Array, "lane 2"]:
     def shape(joint: Oscillator | Structure, y: Array, omega: Array) -> Array:
         motion = condensed(_rows(joint), mode, y, omega, num_harmonics)
@@ -284,22 +332,6 @@ def _shapes(
         return jnp.stack([jnp.abs(synthesis(own, crest(own))), third / first])
 
     return jax.vmap(shape)(joint, y, omega)
-
-
-@partial(jax.jit, static_argnames=("num_harmonics", "mode"))
-def _seen(
-    structure: Structure,
-    y: Float[Array, " lane"],
-    omega: Float[Array, " lane"],
-    num_harmonics: int,
-    mode: int,
-) -> Float[Array, "lane 2"]:
-    def seen(structure: Structure, y: Array, omega: Array) -> Array:
-        motion = condensed(structure, mode, y, omega, num_harmonics)
-        output = structure.c[0] @ motion.q[:, 0]  # pyright: ignore[reportIndexIssue]
-        return jnp.stack([output.real, output.imag])
-
-    return jax.vmap(seen)(structure, y, omega)
 
 
 def _rows(joint: Oscillator | Structure) -> Structure:
@@ -325,7 +357,7 @@ class CondensedMotion(NamedTuple):
 
 
 def condensed(
-    structure: Structure, mode: int, y: Scalar, omega: Scalar, num_harmonics: int
+    structure: Structure, mode: Mode, y: Scalar, omega: Scalar, num_harmonics: int
 ) -> CondensedMotion:
     r"""Solve for the other modes and the higher harmonics of a motion with a given fundamental.
 
@@ -358,23 +390,39 @@ def condensed(
     def forces(x: Array) -> Array:
         if num_harmonics > 1:
             return joint_forces(structure.laws, omega, y * x, MAX_TURNS) / y
-        rows = zip(structure.laws, x, strict=True)
-        return jnp.stack([_secant(laws, y * jnp.abs(of_joint), omega) * of_joint
-                          for laws, of_joint in rows])  # fmt: skip
+        secants = [
+            _secant(laws, y * jnp.abs(x[j, 0]), omega) for j, laws in enumerate(structure.laws)
+        ]
+        return jnp.stack(secants)[:, None] * x
 
     def unfinished(state: tuple) -> Array:
-        _, change, count = state
+        *_, change, count = state
         return (change > CONDENSED) & (count < MOST_STEPS)
 
     def advance(state: tuple) -> tuple:
-        x, _, count = state
-        ahead = h @ coordinates(forces(x))[1]
-        return ahead, jnp.max(jnp.abs(ahead - x)) / jnp.max(jnp.abs(ahead)), count + 1
+        motion, _, count = state
+        force, q = coordinates(forces(motion.x))
+        ahead = CondensedMotion(force, q, h @ q)
+        change = jnp.max(jnp.abs(ahead.x - motion.x)) / jnp.max(jnp.abs(ahead.x))
+        return ahead, change, count + 1
 
-    start = h @ coordinates(jnp.zeros((len(structure.laws), num_harmonics), complex))[1]
-    x, change, _ = jax.lax.while_loop(unfinished, advance, (start, jnp.inf, 0))
-    motion = CondensedMotion(*coordinates(forces(x)), x)
+    force, q = coordinates(jnp.zeros((len(structure.laws), num_harmonics), complex))
+    start = CondensedMotion(force, q, h @ q), jnp.inf, 0
+    motion, change, _ = jax.lax.while_loop(unfinished, advance, start)
     return jax.tree.map(lambda part: jnp.where(change <= CONDENSED, part, jnp.nan), motion)
+
+
+@jax.jit
+def joint_secants(
+    structure: Structure, x_peak: Float[Array, "draw joint"], omega: Float[Array, " draw"]
+) -> Complex[Array, "draw joint"]:
+    """Return each joint's complex steady loop at amplitudes of its own motion [1/s^2]."""
+
+    def of_draw(structure: Structure, x_peak: Array, omega: Array) -> Array:
+        pairs = enumerate(structure.laws)
+        return jnp.stack([_secant(laws, x_peak[j], omega) for j, laws in pairs])
+
+    return jax.vmap(of_draw)(structure, x_peak, omega)
 
 
 def _secant(laws: tuple, x_peak: Scalar, omega: Scalar) -> Array:

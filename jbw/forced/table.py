@@ -29,13 +29,14 @@ class LoopTable:
     def loops(self, y: Values) -> EquivalentLoops:
         """Return equivalent stiffness and loss at amplitudes y, by cubic interpolation.
 
-        The shape is (draw, *any); values are NaN beyond the nodes.
+        The shape is (draw, *any). Below the smallest node, where the joint is nearly stuck, values
+        are those of this node; they are NaN beyond the largest.
         """
         count = self.log_y.shape[1]
         shape, position = y.shape, np.log(y).reshape(y.shape[0], -1)
         step = self.log_y[:, 1:2] - self.log_y[:, :1]
-        u = (position - self.log_y[:, :1]) / step
-        inside = (u > -1e-9) & (u < count - 1 + 1e-9)
+        u = np.maximum((position - self.log_y[:, :1]) / step, 0.0)
+        inside = u < count - 1 + 1e-9
         cell = np.clip(np.nan_to_num(u), 0, count - 2).astype(int)
         u = np.where(inside, u - cell, np.nan)
         values = [np.take_along_axis(self.parts, (cell + i)[None], 2) for i in range(2)]
@@ -45,6 +46,7 @@ class LoopTable:
         third, second = slopes[0] + slopes[1] - 2.0 * rise, 3.0 * rise - 2.0 * slopes[0] - slopes[1]
         parts = values[0] + u * (slopes[0] + u * (second + u * third))
         by_y = (slopes[0] + u * (2.0 * second + 3.0 * u * third)) / (step * np.exp(position))
+        by_y = np.where(u > 0.0, by_y, 0.0 * u)
         return EquivalentLoops(*(part.reshape(shape) for part in (*parts, *by_y)))
 
 

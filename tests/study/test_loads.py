@@ -12,9 +12,10 @@ from made_runs import GAIN, JOINT, OMEGA_N, SILENT, ZETA, Z, a_test, a_tree, sam
 import jbw
 import jbw.study.study as module
 from jbw.errors import ConfigError, DataError, ModelError
+from jbw.forced.equivalent import equivalent_motion
 from jbw.forced.profiles import profile_of
 from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
-from jbw.study.loads import Load, SeenResponse, response_of
+from jbw.study.loads import Load, Member, SeenResponse, response_of
 from jbw.study.loads_in_time import _random
 from jbw.study.study import Study
 
@@ -118,7 +119,9 @@ def test_a_point_on_a_moving_base_moves_with_it_below_the_resonance(participatio
     receptance = 1 / (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
     y = abs(participation) * level * receptance  # over the phase of the force |p| a_b
     seen = SeenResponse("acceleration", "mm/s^2", 1e3, "m/s^2")
-    found = response_of(None, load, seen, level, omega, y)
+    linear = equivalent_motion(jbw.Oscillator(OMEGA_N, ZETA))
+    member = Member(linear, {}, np.array([[participation]]))
+    found = response_of(member, load, seen, level, omega, y)
     expected = 1e3 * level * (1 + participation * shape * omega**2 * receptance)
     assert found == pytest.approx(expected, rel=1e-14)
 
@@ -126,12 +129,14 @@ def test_a_point_on_a_moving_base_moves_with_it_below_the_resonance(participatio
 def test_a_density_is_in_the_square_of_the_unit_of_its_response():
     """A density of one (m/s^2)^2/Hz over 4 Hz has an rms of 2 m/s^2, 2000 mm/s^2."""
     one = np.ones(1)
+    freq_hz = np.linspace(10.0, 14.0, 5)
+    unit = (TAU * freq_hz[None]) ** -2  # displacement per force of unit acceleration
     response = SimpleNamespace(
-        spectrum=lambda freq, order=0: np.ones((1, len(freq))), largest=lambda _: 3 * one,
-        frequency_hz=one, damping=one,
-    )  # fmt: skip
+        transfer=lambda _: (unit, unit**2), largest=lambda _: 3 * one, frequency_hz=one, damping=one
+    )
     seen = SeenResponse("acceleration", "mm/s^2", 1e3, "N")
-    found = _random(response, Load(), seen, np.linspace(10.0, 14.0, 5), 60.0)
+    member = Member(equivalent_motion(jbw.Oscillator(OMEGA_N, ZETA)), {}, one[:, None])
+    found = _random([member], [response], Load(), seen, np.ones(5), freq_hz, 60.0)
     assert found["rms"] == pytest.approx(2000.0, rel=1e-14)
     assert found["psd"] == pytest.approx(1e6, rel=1e-14)
 
@@ -245,9 +250,9 @@ def test_decays_determine_no_gain():
         study_of(draws).resonance([0.1], draws=4)
 
 
-def test_several_modes_are_refused():
+def test_a_further_mode_needs_its_gain():
     draws = {**same(JOINT), "omega_2": np.full(4, 200.0), "zeta_2": np.full(4, 0.01)}
-    with pytest.raises(ModelError, match="one mode"):
+    with pytest.raises(DataError, match="gain_ratio_2"):
         study_of(draws).resonance([0.1], draws=4)
 
 
