@@ -23,6 +23,7 @@ from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import BASE
 from jbw.observables.residual_terms import receptance, taken
+from jbw.oscillator.law import laws_in
 from jbw.oscillator.modes.assembled import is_assembled
 from jbw.oscillator.modes.parameters import NAMES, has_further_modes, modal_structure_of
 from jbw.oscillator.modes.structure import Structure
@@ -319,6 +320,7 @@ def prepared(
     warnings = (
         *messages.warnings_of(what, y_seen, reach, BEYOND, withheld=withheld),
         *_internal_resonances(few[0], y, what),
+        *_thresholds_beyond(few[0], y, basis.y_peak, what),
     )
     return Prepared(members, reach, withheld, load, warnings)
 
@@ -412,6 +414,21 @@ def _internal_resonances(member: Member, y: float, what: str) -> Iterator[str]:
     for other in np.median(np.asarray(member.motion.joint.omega_n), axis=0):
         if any(abs(other / (n * own) - 1.0) < NEAR for n in ORDERS):
             yield messages.internal_resonance(what, own / TAU, other / TAU)
+
+
+def _thresholds_beyond(member: Member, y: float, y_peak: float, what: str) -> Iterator[str]:
+    """Yield a warning for each threshold of a law between the fitted displacement and the load's.
+
+    The displacement of one of several joints is unknown in fitted tests, so that these are not
+    compared.
+    """
+    if member.motion.has_further_modes:
+        return
+    for law in laws_in(member.motion.joint.laws):
+        for threshold in law.thresholds():
+            place = float(np.median(threshold.y))
+            if 0.0 < y_peak < place < y:
+                yield messages.threshold_beyond(what, threshold.what, place, threshold.rests)
 
 
 def response_of(

@@ -40,6 +40,7 @@ FEW = 240
 # largest relative change of a mode's damping by the other modes' motion, by a rule that ignores the
 # order of their turns; its rms then changes by at most 1 %
 COUPLED = 0.005
+Modes = Sequence[tuple[Member, RandomResponse]]  # motion of every mode, of the draws of one law
 MOST_TIMES = 2000  # approximate number of times at which a response is stored
 
 
@@ -77,22 +78,18 @@ def random_of(
     driven = [zone for zone in zones if stated.at(np.array(zone.omega / TAU)) > 0.0] or zones[:1]
     by_mode = [prepared(basis, replace(load, mode=zone.mode), amplitude, what) for zone in driven]
     members = [list(of_law) for of_law in zip(*(one.members for one in by_mode), strict=True)]
-    both = [[moved(member) for member in of_law] for of_law in members]
-    found = [[one.random for one in of_law] for of_law in both]
-    for of_law, responses in zip(members, found, strict=True):
-        _require_alone(of_law, responses, what)
+    found = [[(member, moved(member)) for member in of_law] for of_law in members]
+    laws = [[(member, one.random) for member, one in of_law] for of_law in found]
+    for modes in laws:
+        _require_alone(modes, what)
     band = float(stated.freq_hz[0]), float(stated.freq_hz[-1])
-    near = [_frequencies(one.frequency_hz, one.damping, band, FEW) for one in found[0]]
+    near = [_frequencies(one.frequency_hz, one.damping, band, FEW) for _, one in laws[0]]
     freq_hz, ready = np.unique(np.concatenate(near)), together(by_mode)
-    rows = [
-        _random(of_law, responses, load, seen, stated.at(freq_hz), freq_hz, duration)
-        for of_law, responses in zip(members, found, strict=True)
-    ]
+    density = stated.at(freq_hz)
+    rows = [_random(modes, load, seen, density, freq_hz, duration) for modes in laws]
     if at_sine is not None:
-        rows = [
-            _with_sine(row, member, one.sine, load, seen, at_sine)
-            for row, (member,), (one,) in zip(rows, members, both, strict=True)
-        ]
+        pairs = zip(rows, (modes[0] for modes in found), strict=True)
+        rows = [_with_sine(row, first, load, seen, at_sine) for row, first in pairs]
     units = messages.units_of_random(seen.unit, seen.name)
     variables = {
         name: (
@@ -110,8 +107,7 @@ def random_of(
 
 
 def _random(
-    members: Sequence[Member],
-    found: Sequence[RandomResponse],
+    modes: Modes,
     load: Load,
     seen: SeenResponse,
     density: Values,
@@ -119,7 +115,7 @@ def _random(
     duration: float,
 ) -> dict[str, Values]:
     """Return the statistics and spectrum of each draw's response, from all modes of one law."""
-    mean, spread = _transfer(members, found, freq_hz)
+    mean, spread = _transfer(modes, freq_hz)
     omega = TAU * freq_hz
 
     def spectrum(order: int) -> Values:
@@ -133,9 +129,8 @@ def _random(
     response = seen.factor**2 * response
     relative = np.sqrt(np.trapezoid(spectrum(0), freq_hz))
     # The largest values of modes that are independent add by their squares, as their rms do.
-    largest = np.sqrt(sum(one.largest(duration) ** 2 for one in found))
-    modes = [f"_{member.motion.mode + 1}" if len(found) > 1 else "" for member in members]
-    each = list(zip(modes, found, strict=True))
+    largest = np.sqrt(sum(one.largest(duration) ** 2 for _, one in modes))
+    each = [(f"_{member.motion.mode + 1}" if modes[1:] else "", one) for member, one in modes]
     return {
         "rms": np.sqrt(np.trapezoid(response, freq_hz)),
         "displacement": relative,
@@ -149,31 +144,29 @@ def _random(
 
 def _with_sine(
     row: dict[str, Values],
-    member: Member,
-    sine: Complexes,
+    motion: tuple[Member, SineOnRandom],
     load: Load,
     seen: SeenResponse,
-    at_sine: tuple[float, float],
+    at_sine: tuple[float, ...],
 ) -> dict[str, Values]:
     """Return the statistics with the amplitude of the response at the frequency of a sine."""
+    member, sine = motion[0], motion[1].sine
     hz, level = at_sine
     response = response_of(member, load, seen, level, np.full(sine.shape, TAU * hz), sine)
     largest = row["largest_displacement"] + np.abs(sine)[:, 0]
     return {**row, "largest_displacement": largest, "sine": np.abs(response)[:, 0]}
 
 
-def _transfer(
-    members: Sequence[Member], found: Sequence[RandomResponse], freq_hz: Values
-) -> tuple[Complexes, Values]:
+def _transfer(modes: Modes, freq_hz: Values) -> tuple[Complexes, Values]:
     """Return mean and variance of the measured displacement per unit of the source, (draw, freq).
 
     Modes without power at their resonance add the response of stuck joints to the mean.
     """
-    means = [one.transfer(freq_hz) for one in found]
-    pairs = list(zip(members, means, strict=True))
-    mean = np.sum([member.share * mean for member, (mean, _) in pairs], axis=0)
+    members = [member for member, _ in modes]
+    moments = [(member.share, *one.transfer(freq_hz)) for member, one in modes]
+    mean = np.sum([share * mean for share, mean, _ in moments], axis=0)
     spread = np.sum(
-        [member.share**2 * (square - np.abs(mean) ** 2) for member, (mean, square) in pairs], axis=0
+        [share**2 * (square - np.abs(mean) ** 2) for share, mean, square in moments], axis=0
     )
     joint, omega = members[0].motion.joint, TAU * freq_hz
     if isinstance(joint, Structure):
@@ -187,20 +180,19 @@ def _transfer(
     return mean, spread
 
 
-def _require_alone(members: Sequence[Member], found: Sequence[RandomResponse], what: str) -> None:
+def _require_alone(modes: Modes, what: str) -> None:
     """Raise if the simultaneous motion of modes changes their damping at the joints.
 
     The damping of each mode at its rms amplitude is compared with that at the joints' rms of all
     modes together.
     """
-    joint = members[0].motion.joint
-    if len(members) < 2 or not isinstance(joint, Structure):
+    joint = modes[0][0].motion.joint
+    if len(modes) < 2 or not isinstance(joint, Structure):
         return
     h, p = np.abs(np.asarray(joint.h)), np.abs(np.asarray(joint.p))
-    rms = [np.sqrt(2.0) * one.rms()[:, None] * h[..., m.motion.mode]
-           for m, one in zip(members, found, strict=True)]  # fmt: skip
+    rms = [np.sqrt(2.0) * one.rms()[:, None] * h[..., m.motion.mode] for m, one in modes]
     total = np.sqrt(np.sum(np.square(rms), axis=0))
-    for member, own, response in zip(members, rms, found, strict=True):
+    for (member, response), own in zip(modes, rms, strict=True):
         mode, omega = member.motion.mode, TAU * response.frequency_hz
         weights = p[:, mode] * h[..., mode]
         alone, beside = (

@@ -57,6 +57,7 @@ def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Datase
     for level in levels:
         ready = prepared(basis, load, peak_of(level), messages.sine(level, seen.source))
         rows = [_resonance(member, ready.load, seen, level) for member in ready.members]
+        warnings += _isolated([row.pop("isolated") for row in rows], level, seen)
         named = {name: [row[name] for row in rows] for name in rows[0]}
         column = {name: bands(draws, withheld=ready.withheld) for name, draws in named.items()}
         folds = np.mean(np.isfinite(np.concatenate(named["jump_up"])))
@@ -90,7 +91,15 @@ def _resonance(member: Member, load: Load, seen: SeenResponse, level: float) -> 
         "half_power_width": found.width[:, 0] / TAU,
         "jump_up": found.jump_up[:, 0] / TAU,
         "jump_down": found.jump_down[:, 0] / TAU,
+        "isolated": np.asarray(found.peak.isolated[:, 0], float),
     }
+
+
+def _isolated(parts: Iterable[Values], level: float, seen: SeenResponse) -> list[str]:
+    """Return a warning if a share of the draws has a branch that a slow sweep never reaches."""
+    share = float(np.mean(np.concatenate([np.ravel(part) for part in parts])))
+    what = messages.sine(level, seen.source)
+    return [messages.isolated(what, share)] if share > 0.0 else []
 
 
 def response_curve_of(
@@ -116,7 +125,8 @@ def response_curve_of(
     for name in ("upward", "downward"):
         banded = bands(parts[name], withheld=ready.withheld)
         variables[name] = (("quantile", "freq"), banded, unit)
-    facts = {"level": level, **ready.facts}
+    warnings = [*ready.warnings, *_isolated(parts["isolated"], level, seen)]
+    facts = {"level": level, **ready.facts, "warnings": "\n".join(warnings)}
     found = labelled(variables, {"freq": ("freq", freq_hz, hertz)}, ready.load, seen)
     return found.assign_attrs(facts)
 
@@ -135,6 +145,7 @@ def _curve(
         "amplitude": np.abs(response),
         "phase": np.angle(response),
         "stable": curve.stable[:, 0],
+        "isolated": np.asarray(peak.isolated[:, 0], float),
     }
     for name, upward in (("upward", True), ("downward", False)):
         y = swept(member.motion, peak, omega, upward=upward)[:, 0]

@@ -71,10 +71,7 @@ def test_one_joint_is_found_from_both_drives_and_predicts_both(tmp_path):
             assert abs(values.mean() - truth) < max(5 * values.std(), 2e-3 * truth), name
     for name in ("force 1", "base 1"):
         assert study.predict(name, num_draws=20).attrs["nrmse"] < 5e-3
-    oscillator = jbw.BoucWen(
-        omega_n=TRUTH["omega_n"], zeta=TRUTH["zeta"], alpha=JOINT["alpha"],
-        delta=JOINT["delta"] / JOINT["alpha"], gamma=JOINT["gamma"] / JOINT["alpha"],
-    )  # fmt: skip
+    oscillator = jbw.BoucWen(omega_n=TRUTH["omega_n"], zeta=TRUTH["zeta"], **JOINT)
     motion = jbw.forced.equivalent_motion(oscillator)
     for drive, gain in (("force", TRUTH["gain"]), ("base", TRUTH["gain_base"])):
         found = study.resonance([1.0], drive=drive, draws=20)

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from joints import parameters
 from made_runs import GAIN, JOINT, OMEGA_N, SILENT, ZETA, Z, a_test, a_tree, same, spread
 
 import jbw
@@ -17,6 +18,7 @@ from jbw.forced.profiles import profile_of
 from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
 from jbw.study.loads import Load, Member, SeenResponse, response_of
 from jbw.study.loads_in_time import _random
+from jbw.study.loads_of_sines import _isolated
 from jbw.study.study import Study
 
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden_forced.json").read_text())
@@ -136,7 +138,7 @@ def test_a_density_is_in_the_square_of_the_unit_of_its_response():
     )
     seen = SeenResponse("acceleration", "mm/s^2", 1e3, "N")
     member = Member(equivalent_motion(jbw.Oscillator(OMEGA_N, ZETA)), {}, one[:, None])
-    found = _random([member], [response], Load(), seen, np.ones(5), freq_hz, 60.0)
+    found = _random([(member, response)], Load(), seen, np.ones(5), freq_hz, 60.0)
     assert found["rms"] == pytest.approx(2000.0, rel=1e-14)
     assert found["psd"] == pytest.approx(1e6, rel=1e-14)
 
@@ -192,6 +194,22 @@ def test_levels_beyond_the_fitted_are_said():
     assert found["reach"].values[0] == pytest.approx(10.0)
     (sentence,) = jbw.warnings_of(found)
     assert "10 times" in sentence
+
+
+def test_macroslip_that_no_fitted_test_reached_is_said():
+    """The joint begins to slip as a whole at 1.14 mm, and the load moves it by 1.5 mm."""
+    theta, name = parameters("iwan4")
+    tree = a_tree(same({**theta, "gain": 1.0}), seen=[a_test(0.1)], y_peak=1e-3)
+    tree.attrs["laws"] = json.dumps([name])
+    sentences = jbw.warnings_of(Study(tree, {}).resonance([1.0 / GAIN], draws=4))
+    assert any("macroslip" in sentence for sentence in sentences)
+
+
+def test_a_branch_that_a_sweep_does_not_reach_is_said():
+    seen = SeenResponse("velocity", "m/s", 1.0, "N")
+    (sentence,) = _isolated([np.array([0.0, 1.0]), np.zeros(2)], 2.0, seen)
+    assert "25 %" in sentence
+    assert not _isolated([np.zeros(2)], 2.0, seen)
 
 
 def test_a_band_that_cannot_be_stated_is_withheld(monkeypatch):

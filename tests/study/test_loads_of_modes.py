@@ -62,6 +62,7 @@ def balanced(study, hz, level):
     return np.abs(np.asarray(found.y)[..., 0]).reshape(len(hz), -1)[:, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("study", [study_of(ONE_JOINT), study_of_two_joints()], ids=["one", "two"])
 def test_a_curve_across_two_modes_is_that_of_the_balance_of_all(study):
     level = 0.4

@@ -48,6 +48,24 @@ def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: boo
         )
 
 
+def threshold_beyond(what: str, mechanism: str, y: float, rests: str) -> str:
+    """Return the warning that a load begins a mechanism of the law that no fitted test reached."""
+    return (
+        f"{what} moves the joint beyond {y:.3g} m, where {mechanism} begins. No fitted test "
+        f"reached this displacement, so that {rests} may follow from the prior alone. Add a test "
+        "of that level to the campaign and identify again."
+    )
+
+
+def isolated(what: str, share: float) -> str:
+    """Return the warning that response curves have a branch that is not connected to the rest."""
+    return (
+        f"{what} has a second branch of larger motion in {100 * share:.3g} % of the draws, which a "
+        "slow sweep from rest does not reach but a shock may. The prediction is that of the main "
+        "branch. Stay below this level, or follow both by `jbw.steady_state`."
+    )
+
+
 def internal_resonance(what: str, own_hz: float, other_hz: float) -> str:
     """Return the warning that the harmonics of a mode's motion also move another mode."""
     return (
