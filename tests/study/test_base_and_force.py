@@ -85,5 +85,5 @@ def test_one_joint_is_found_from_both_drives_and_predicts_both(tmp_path):
 
 @pytest.mark.parametrize("head", ["", "gain = 1.4"])
 def test_both_drives_without_a_mass_are_refused_with_the_line_to_paste(tmp_path, head):
-    with pytest.raises(ConfigError, match="modal_mass = 1.0"):
+    with pytest.raises(ConfigError, match=r"modal_mass = 1\.0"):
         jbw.load_campaign(written(tmp_path, head))
