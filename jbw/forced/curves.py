@@ -242,7 +242,8 @@ def _require_peak(found: NDArray[np.bool_], level: Values) -> None:
         raise ModelError(
             f"The response at a force amplitude of {level[~found][0]:.3g} N/kg must have a peak, "
             f"but {np.sum(~found)} of {found.size} draws and levels have none.",
-            why="The damping is above 50 %, or the joint loses its stiffness at this level.",
+            why="The damping is above 50 %, the joint loses its stiffness at this level, or "
+            "another mode is too near.",
             remedy="Use a lower level, or simulate the motion by `jbw.simulate`.",
         )
 

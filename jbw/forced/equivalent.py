@@ -14,7 +14,7 @@ backbone of the mode, with the static and dynamic contributions of all other mod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -252,7 +252,7 @@ def _of_structure(structure: Structure, num_harmonics: int, mode: int) -> Equiva
     if np.ndim(structure.omega_n) < 2:
         structure = jax.tree.map(lambda leaf: jnp.asarray(leaf, float)[None], admitted(structure))
     rows = jax.vmap(_admitted_rows)(structure)
-    _require_mode(mode, rows.omega_n.shape[1])
+    _require_mode(mode, np.shape(rows.omega_n)[1])
     if np.any(np.asarray(rows.b)[:, mode] == 0.0):
         raise ModelError(
             f"Field `b` of the `Structure` must not be 0 for mode {mode}, but it is.",
@@ -389,7 +389,7 @@ def condensed(
 
     def forces(x: Array) -> Array:
         if num_harmonics > 1:
-            return joint_forces(structure.laws, omega, y * x, MAX_TURNS) / y
+            return joint_forces(structure.laws, omega, jnp.asarray(y * x), MAX_TURNS) / y
         secants = [
             _secant(laws, y * jnp.abs(x[j, 0]), omega) for j, laws in enumerate(structure.laws)
         ]
@@ -425,7 +425,7 @@ def joint_secants(
     return jax.vmap(of_draw)(structure, x_peak, omega)
 
 
-def _secant(laws: tuple, x_peak: Scalar, omega: Scalar) -> Array:
+def _secant(laws: Any, x_peak: Scalar, omega: Scalar) -> Array:
     """Return a joint's complex steady loop, relative to its stiffness at rest [1/s^2]."""
     parts = [(law.loop(x_peak, omega), law.stiffness()) for law in laws]
     total = sum((loop.stiffness - rest + 1j * loop.damping for loop, rest in parts), 0.0j)

@@ -307,6 +307,7 @@ def prepared(
         what: The load in words, for warnings.
     """
     few = members_of(basis, replace(load, harmonics=1), FEW, NOTHING)
+    _require_widths(few[0].motion, few[0].motion.omega_n, few[0].motion.viscous, what)
     y = float(np.median(np.concatenate([np.ravel(amplitude(member)) for member in few])))
     y_seen = _require_apart(few[0], y, what)
     reach = y_seen / basis.y_peak if basis.y_peak > 0 else np.nan
@@ -391,9 +392,16 @@ def _require_apart(member: Member, y: float, what: str) -> float:
     amplitude = np.full((len(member.share), 1), y)
     omega = member.resonant(amplitude)
     _, loss = motion.values(amplitude, omega)
-    own, width = (float(np.median(x)) for x in (omega, motion.viscous + loss / omega))
-    modes = np.median(np.asarray(motion.joint.omega_n), axis=0)
-    others = np.delete(np.atleast_1d(modes), motion.mode)
+    _require_widths(motion, omega, motion.viscous + loss / omega, what)
+    return float(np.median(member.measured(amplitude, omega)))
+
+
+def _require_widths(motion: EquivalentMotion, omega: Values, widths: Values, what: str) -> None:
+    """Raise if the next mode is nearer than ten half-power widths, of medians over the draws."""
+    if not motion.has_further_modes or np.shape(motion.joint.omega_n)[1] < 2:
+        return
+    own, width = float(np.median(omega)), float(np.median(widths))
+    others = np.delete(np.median(np.asarray(motion.joint.omega_n), axis=0), motion.mode)
     nearest = others[np.argmin(np.abs(others - own))]
     if abs(nearest - own) < APART * width:
         raise ModelError(
@@ -403,7 +411,6 @@ def _require_apart(member: Member, y: float, what: str) -> float:
             why="Modes are predicted one by one, as if each moved alone.",
             remedy=WITH_ALL_MODES,
         )
-    return float(np.median(member.measured(amplitude, omega)))
 
 
 def _internal_resonances(member: Member, y: float, what: str) -> Iterator[str]:

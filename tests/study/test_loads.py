@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from joints import parameters
 from made_runs import GAIN, JOINT, OMEGA_N, SILENT, ZETA, Z, a_test, a_tree, same, spread
 
 import jbw
@@ -197,10 +196,15 @@ def test_levels_beyond_the_fitted_are_said():
 
 
 def test_macroslip_that_no_fitted_test_reached_is_said():
-    """The joint begins to slip as a whole at 1.14 mm, and the load moves it by 1.5 mm."""
-    theta, name = parameters("iwan4")
-    tree = a_tree(same({**theta, "gain": 1.0}), seen=[a_test(0.1)], y_peak=1e-3)
-    tree.attrs["laws"] = json.dumps([name])
+    """The golden joint begins to slip as a whole at 1.14 mm, and the load moves it by 1.5 mm."""
+    stated = GOLDEN["parameters"]["iwan4"]
+    k_t, f_s, chi, beta = (stated[name] for name in ("k_t", "f_s", "chi", "beta"))
+    largest = f_s * (1 + beta) / (k_t * (beta + (chi + 1) / (chi + 2)))  # Segalman (2005)
+    lost = k_t * (1e-3 / largest) ** (1 + chi) / ((1 + beta) * (2 + chi))
+    law = {"iwan_stiffness": k_t, "iwan_loss": lost, "iwan_chi": chi, "iwan_beta": beta}
+    mode = {name: stated[name] for name in ("omega_n", "zeta")}
+    tree = a_tree(same({**mode, **law}), seen=[a_test(0.1)], y_peak=1e-3)
+    tree.attrs["laws"] = json.dumps(["iwan4"])
     sentences = jbw.warnings_of(Study(tree, {}).resonance([1.0 / GAIN], draws=4))
     assert any("macroslip" in sentence for sentence in sentences)
 
