@@ -148,6 +148,9 @@ def _curve(
         "isolated": np.asarray(peak.isolated[:, 0], float),
     }
     for name, upward in (("upward", True), ("downward", False)):
+        if not upward and np.all(curve.stable):  # Without a fold, both sweeps are the same.
+            found[name] = found["upward"]
+            continue
         y = swept(member.motion, peak, omega, upward=upward)[:, 0]
         frequency = np.broadcast_to(omega, y.shape)
         found[name] = np.abs(response_of(member, load, seen, level, frequency, y))
