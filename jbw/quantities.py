@@ -83,6 +83,9 @@ ATTACHED = tuple(
     for drive, (mark, gain) in FED.items()
     for quantity in OSCILLATOR
 )  # fmt: skip
+# A base that moves drives the same structure as a force, with the gain alone of its own.
+BASE_GAIN = Quantity("gain_base", "gainᵇ", "1", "participation in the motion of the base")
+ATTACHED = (*ATTACHED, BASE_GAIN)
 LINEAR = (*OSCILLATOR, *ATTACHED)
 GAINS = frozenset(row.name for row in LINEAR if row.name.startswith("gain"))  # gains of the sources
 

@@ -105,7 +105,9 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     if both and not differ({test.driven_by for test in tests}):
         errors.append(campaign_faults.GAIN_OR_MASS)
     if len(tests) == len(tables):
-        errors += [*among(tests, settings), *of_others(tests, assembly), *on_a_base(tests)]
+        errors += [*among(tests, settings), *of_others(tests, assembly)]
+        several = structure is not None or assembled is not None
+        errors += on_a_base(tests, is_weighed=head.modal_mass is not None, several=several)
         errors += structure_errors(structure, tests, () if assembled is None else assembled.points)
         roles = {role for test in tests for role in test.channels}
         errors += [campaign_faults.no_role(role) for role in head.gain_std if role not in roles]

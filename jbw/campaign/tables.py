@@ -420,9 +420,9 @@ def _curves() -> str:
 def force_per_unit(campaign: Any) -> Gain:  # a checked campaign, with or without records
     """Return the force per modal mass for one unit of input [1/kg or N/kg/V]; None if unknown.
 
-    If a measured force drives some tests and a shaker's voltage or current others, the gains are
-    given by drive. A mass does not determine the gain of a voltage or current, nor that of a moving
-    base, which is the participation of the mode.
+    If a measured force drives some tests and a shaker's voltage, a current or a moving base others,
+    the gains are given by drive. A mass does not determine the gain of a voltage or current, nor
+    that of a moving base, which is the participation of the mode.
     """
     gain, mass = campaign.gain, campaign.modal_mass
     by_mass = None if mass is None else 1 / mass
@@ -442,5 +442,5 @@ def gain_of(gain: Gain, drive: str) -> float | None:
 
 
 def differ(drives: Collection[str]) -> bool:
-    """Return whether force drives some tests, and a shaker's voltage or current others."""
-    return "force" in drives and not FED.keys().isdisjoint(drives)
+    """Return whether force drives some tests, and a source without a modal mass others."""
+    return "force" in drives and not WEIGHTLESS.isdisjoint(drives)

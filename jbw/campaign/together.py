@@ -49,12 +49,21 @@ def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
         yield messages.several_assemblies(len(names), sorted(map(str, names)))
 
 
-def on_a_base(tests: Sequence[TestSpec]) -> Iterator[str]:
-    """Yield an error if a moving base drives some tests, and other sources drive others."""
+def on_a_base(tests: Sequence[TestSpec], *, is_weighed: bool, several: bool) -> Iterator[str]:
+    """Yield an error if a moving base drives some tests and other sources others, except a force.
+
+    Args:
+        tests: The tests of the campaign.
+        is_weighed: Whether the modal mass is stated, which determines the gain of a force.
+        several: Whether the structure has several modes, whose gains differ between the drives.
+    """
     drives = sorted({test.driven_by for test in tests if test.traits.is_driven} - {""})
     if BASE in drives and len(drives) > 1:
-        others = ", ".join(drive for drive in drives if drive != BASE)
-        yield messages.base_beside_others(others)
+        others = [drive for drive in drives if drive != BASE]
+        if others != ["force"] or several:
+            yield messages.base_beside_others(", ".join(others))
+        elif not is_weighed:
+            yield messages.BASE_WITHOUT_MASS
 
 
 def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:

@@ -42,6 +42,21 @@ class Quantities(click.ParamType):
         return found
 
 
+class SineAt(click.ParamType):
+    """Option type for a sine: its frequency [Hz], a colon, and its amplitude."""
+
+    name = "hz:value"
+
+    def convert(self, value: Any, *of: Any) -> tuple[float, tuple[float, str]]:
+        """Return the frequency and the (value, unit) pair in the text of an option."""
+        try:
+            hz, amplitude = value.split(":")
+            (quantity,) = Quantities().convert(amplitude, *of)
+            return float(hz), quantity
+        except ValueError:
+            self.fail(messages.no_sine(value), *of)
+
+
 def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
     """Convert a value to a unit; a value without a unit counts as being in that unit already."""
     from jbw.units import measured, plain
@@ -74,6 +89,8 @@ def require_alike(options: SimpleNamespace, *, loads: bool, campaign: Path | Non
         raise click.UsageError(messages.LOADS_OR_TESTS)
     if options.base and not loads:
         raise click.UsageError(messages.BASE_NEEDS)
+    if options.sine is not None and options.psd is None:
+        raise click.UsageError(messages.SINE_NEEDS)
 
 
 def predict_loads(
@@ -131,7 +148,12 @@ def _loads(
     from jbw.forced.shock import pulse_of
     from jbw.study.loads import measured_of
     from jbw.study.loads_in_time import random_of, shock_of
-    from jbw.study.loads_of_sines import notch_of, resonance_of, response_curve_of
+    from jbw.study.loads_of_sines import (
+        notch_of,
+        resonance_of,
+        resonances_in,
+        response_curve_of,
+    )
 
     seen, band = measured_of(basis, load), options.response
     stated = [quantity for some in options.levels for quantity in some]
@@ -139,7 +161,8 @@ def _loads(
     if (band is not None and not levels) or (options.notch and not (band and levels)):
         raise click.UsageError(messages.RESPONSE_NEEDS)
     if band is not None:
-        yield "resonance", partial(resonance_of, basis, levels, load)
+        for name, of_mode in resonances_in(basis, load, band):
+            yield name, partial(resonance_of, basis, levels, of_mode)
         for level in levels:
             curve = partial(response_curve_of, basis, level, band, load)
             yield f"response at {level:.6g} {seen.source}", curve
@@ -149,6 +172,10 @@ def _loads(
                 yield f"notch of {level:.6g} {seen.source} at {limit:.6g} {seen.unit}", notch
     if options.psd is not None:
         profile = read_profile(options.psd)
-        yield "random", partial(random_of, basis, profile, options.duration, load)
+        sine = None
+        if options.sine is not None:
+            hz, amplitude = options.sine
+            sine = hz, in_unit(amplitude, seen.source, "--sine")
+        yield "random", partial(random_of, basis, profile, options.duration, load, sine)
     if options.shock is not None:
         yield "shock", partial(shock_of, basis, pulse_of(options.shock), load)

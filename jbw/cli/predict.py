@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jbw.cli.loads import LOADS, Quantities, bare, predict_loads, require_alike
+from jbw.cli.loads import LOADS, Quantities, SineAt, bare, predict_loads, require_alike
 from jbw.cli.options import json_option, out_option, outside_option, run_argument
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing, working
@@ -55,6 +55,7 @@ class FromTo(click.ParamType):
     "--response", type=FromTo(), help="Response curves under sine excitation, from:to [Hz]."
 )
 @click.option("--psd", type=click.Path(path_type=Path), help="Random profile: a CSV file.")
+@click.option("--sine", type=SineAt(), help="A sine beside the random profile, such as 30:2g.")
 @click.option("--shock", help="A shock, such as 20g,11ms or 20g,11ms,sawtooth.")
 @click.option("--notch", type=Quantities(), help="Largest response of the curves, such as 5g.")
 @click.option("--base", is_flag=True, help="Levels are accelerations of the base, such as 2g.")

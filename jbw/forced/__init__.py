@@ -19,6 +19,7 @@ from jbw.forced.curves import ForcedCurve, Peaks, Resonance, exact_points, peaks
 from jbw.forced.equivalent import EquivalentMotion, equivalent_motion
 from jbw.forced.random import RandomResponse, random_response
 from jbw.forced.shock import ShockResponse, classical_pulse, pulse_of, shock_response
+from jbw.forced.sine_on_random import SineOnRandom, sine_on_random
 from jbw.forced.sweeps import base_gain, held_ratio, level_that_holds, swept, whole_curve
 
 __all__ = [
@@ -28,6 +29,7 @@ __all__ = [
     "RandomResponse",
     "Resonance",
     "ShockResponse",
+    "SineOnRandom",
     "base_gain",
     "classical_pulse",
     "equivalent_motion",
@@ -39,6 +41,7 @@ __all__ = [
     "random_response",
     "resonance",
     "shock_response",
+    "sine_on_random",
     "swept",
     "whole_curve",
 ]

@@ -242,7 +242,8 @@ def _require_peak(found: NDArray[np.bool_], level: Values) -> None:
         raise ModelError(
             f"The response at a force amplitude of {level[~found][0]:.3g} N/kg must have a peak, "
             f"but {np.sum(~found)} of {found.size} draws and levels have none.",
-            why="The damping is above 50 %, or the joint loses its stiffness at this level.",
+            why="The damping is above 50 %, the joint loses its stiffness at this level, or "
+            "another mode is too near.",
             remedy="Use a lower level, or simulate the motion by `jbw.simulate`.",
         )
 
@@ -257,8 +258,7 @@ def along(peak: Peaks, place: Values) -> ForcedCurve:
 def places(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> Values:
     """Return values of the curve parameter t that cover a band of frequencies [rad/s]."""
     far = np.max([np.abs(motion.omega_n**2 - end**2) for end in band], axis=0)
-    lowest = np.maximum(0.5 * peak.level / far, peak.table.y[:, :1])
-    ends = np.arccosh(np.maximum(peak.y / lowest, 4.0))
+    ends = np.arccosh(np.maximum(2.0 * peak.y * far / peak.level, 4.0))
     return ends[..., None] * np.linspace(-1.0, 1.0, 2 * POINTS + 1)
 
 
@@ -296,8 +296,7 @@ def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> Forced
     point = along(peak, place)
     level = peak.level.reshape(*peak.level.shape, *(1,) * (place.ndim - peak.level.ndim))
     # If the loops depend on the frequency, each round uses the frequency of the previous one.
-    depends = motion.num_harmonics > 1 or motion.feels_rate
-    for _ in range(MOST_ROUNDS if depends else 1):
+    for _ in range(MOST_ROUNDS if motion.feels_frequency else 1):
         before = point.omega
         loops = motion.loops(point.y, before)
         point = curve_points(loops, level, point.y, np.sign(place))

@@ -5,32 +5,40 @@ At the displacement amplitude Y, the fundamental force per unit mass that sustai
 $$\frac{F_1}{Y} = K(Y) - \omega^2 + j\,(c\,\omega + D(Y)), \qquad c = 2\zeta\omega_n$$
 
 With one harmonic, K and D are those of the law's steady loop. With more, the higher harmonics are
-eliminated at each amplitude, and K and D depend slightly on the frequency as well.
+eliminated at each amplitude, and K and D depend slightly on the frequency as well. For one of
+several modes, Y is the amplitude of the mode's own coordinate and F_1 the force on this mode. The
+other modes are eliminated like the harmonics, so that the resonance frequency over Y is the
+backbone of the mode, with the static and dynamic contributions of all other modes.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Complex, Float, Int
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, ModelError
-from jbw.oscillator.checks import require_contracts, require_float64
-from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.checks import require_contracts, require_float64, require_periodic
+from jbw.oscillator.law import laws_in
+from jbw.oscillator.modes.balance import dynamic_stiffness, joint_forces
+from jbw.oscillator.modes.structure import Structure, admitted, by_joint
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import crest, orders, synthesis
 
 Values = NDArray[np.float64]
+Mode = Int[Array | np.ndarray, ""]  # index of the mode
 LANES = 128  # number of points in a compiled call, whatever the number of draws
 STEP = 1e-4  # relative step of amplitude or frequency in finite differences
-# change of a harmonic, relative to Y, at which its iteration ends; and largest number of iterations
-CONDENSED, MOST_STEPS = 1e-13, 60
+# change of the joints' harmonics, relative to the largest, at which their iteration ends; and the
+# largest number of iterations
+CONDENSED, MOST_STEPS = 1e-13, 100
+MAX_TURNS = 2  # number of turning points of a joint in a period
 
 
 class EquivalentLoops(NamedTuple):
@@ -61,27 +69,49 @@ class EquivalentMotion:
     """Posterior draws of a joint as oscillators with equivalent stiffness and loss.
 
     Attributes:
-        joint: The oscillator, whose leaves have the shape (draw,).
+        joint: The oscillator, or the structure with one row of `h` per joint; its leaves have a
+            first axis of draws.
         num_harmonics: Number of odd harmonics that are balanced.
+        mode: Index of the mode of a structure, from 0.
     """
 
-    joint: Oscillator
+    joint: Oscillator | Structure
     num_harmonics: int = 1
+    mode: int = 0
 
     @property
     def omega_n(self) -> Values:
         """The natural frequency at small amplitude, of shape (draw, 1) [rad/s]."""
-        return np.asarray(self.joint.omega_n, float)[:, None]
+        return self._of_mode(self.joint.omega_n)
 
     @property
     def viscous(self) -> Values:
         """The viscous damping c = 2 zeta omega_n, of shape (draw, 1) [1/s]."""
-        return 2.0 * np.asarray(self.joint.zeta, float)[:, None] * self.omega_n
+        return 2.0 * self._of_mode(self.joint.zeta) * self.omega_n
+
+    def _of_mode(self, leaf: Scalar) -> Values:
+        values = np.asarray(leaf, float)
+        return values.reshape(len(values), -1)[:, self.mode, None]
 
     @property
     def feels_rate(self) -> bool:
         """Whether the force of a law depends on the magnitude of the velocity."""
-        return any(law.feels_rate for law in self.joint.laws)
+        return any(law.feels_rate for law in laws_in(self.joint.laws))
+
+    @property
+    def has_further_modes(self) -> bool:
+        """Whether the motion is that of one mode of a structure."""
+        return isinstance(self.joint, Structure)
+
+    @property
+    def is_by_backbone(self) -> bool:
+        """Whether free vibration is described by K over the amplitude alone."""
+        return self.has_further_modes
+
+    @property
+    def feels_frequency(self) -> bool:
+        """Whether K and D depend on the frequency, so that they are found by iteration."""
+        return self.num_harmonics > 1 or self.feels_rate or self.has_further_modes
 
     def values(self, y: Values, omega: Values) -> tuple[Values, Values]:
         """Return stiffness K and loss D [1/s^2] at amplitudes y [m] and frequencies omega [rad/s].
@@ -89,23 +119,48 @@ class EquivalentMotion:
         All have the shape (draw, *any). They are NaN where y is not positive, or where the higher
         harmonics do not converge.
         """
-        return self._at_points(_loops, y, omega, self.num_harmonics)
+        stiffness, loss, *_ = self._at_points(y, omega)
+        return stiffness, loss
 
     def shapes(self, y: Values, omega: Values) -> tuple[Values, Values]:
-        """Return the largest displacement and the third harmonic, both relative to Y.
+        """Return the largest displacement over Y, and the joints' third harmonic over their first.
 
         Both are computed with the balanced number of harmonics, but at least two.
         """
-        return self._at_points(_shapes, y, omega, max(self.num_harmonics, 2))
+        several = max(self.num_harmonics, 2)
+        crests, third = self._by_lanes(partial(_shapes, num_harmonics=several), y, omega)
+        return crests, third
 
-    def _at_points(
-        self, function: Callable[..., Array], y: Values, omega: Values, num_harmonics: int
-    ) -> tuple[Values, Values]:
+    def seen(self, y: Values, omega: Values) -> NDArray[np.complex128]:
+        """Return the first harmonic of the measured displacement relative to Y: 1 for one mode."""
+        if not self.has_further_modes:
+            return np.ones(y.shape, complex)
+        _, _, real, imag, *_ = self._at_points(y, omega)
+        return real + 1j * imag
+
+    def moved_along(self, y: Values, omega: Values) -> tuple[Values, Values]:
+        """Return the power of the force, and the kinetic energy, over those of the mode alone.
+
+        Both are 1 if the other modes do not move.
+        """
+        if not self.has_further_modes:
+            return np.ones_like(y), np.ones_like(y)
+        *_, power, mass = self._at_points(y, omega)
+        return power, mass
+
+    def _at_points(self, y: Values, omega: Values) -> Values:
+        """Return K, D and, for a mode of a structure, the other modes' parts, by (part, *point)."""
+        function = _modal_loops if self.has_further_modes else _loops
+        return self._by_lanes(partial(function, num_harmonics=self.num_harmonics), y, omega)
+
+    def _by_lanes(self, function: Callable[..., Array], y: Values, omega: Values) -> Values:
         draw = np.repeat(np.arange(y.shape[0]), y.size // y.shape[0])
         omega = np.broadcast_to(omega, y.shape)
-        function = partial(function, num_harmonics=num_harmonics)
-        pair = self.by_lanes(function, draw, y.ravel(), omega.ravel())
-        return pair[:, 0].reshape(y.shape), pair[:, 1].reshape(y.shape)
+        # The mode is an argument of the program, so that one program serves all modes.
+        rows = self.by_lanes(
+            partial(function, mode=np.asarray(self.mode)), draw, y.ravel(), omega.ravel()
+        )
+        return rows.T.reshape(-1, *y.shape)
 
     def by_lanes(
         self, function: Callable[..., Array], draw: NDArray[np.intp], *points: Values
@@ -127,7 +182,7 @@ class EquivalentMotion:
             padded = np.pad(lot, (0, LANES - len(lot)), "edge")
             joint = jax.tree.map(lambda leaf, i=draw[padded]: leaf[i], self.joint)
             rows.append(np.asarray(function(joint, *(x[padded] for x in points)))[: len(lot)])
-        width = rows[0].shape[1] if rows else 2
+        width = rows[0].shape[1] if rows else 8
         found = np.full((len(draw), width), np.nan)
         if rows:
             found[known] = np.concatenate(rows)
@@ -157,28 +212,31 @@ def wide(values: Values, like: Values) -> Values:
     return values.reshape(-1, *(1,) * (like.ndim - 1))
 
 
-def equivalent_motion(joint: Joint, num_harmonics: int = 1) -> EquivalentMotion:
+def equivalent_motion(
+    joint: Joint | Structure, num_harmonics: int = 1, mode: int = 0
+) -> EquivalentMotion:
     """Return posterior draws of a joint as oscillators with equivalent stiffness and loss.
 
     Args:
-        joint: A `BoucWen` or an `Oscillator`, of scalars or arrays of one shape (draw,).
+        joint: A `BoucWen` or an `Oscillator`, of scalars or arrays of one shape (draw,); or a
+            `Structure`, of one draw or with a first axis of draws in every leaf.
         num_harmonics: Number of balanced odd harmonics; 1 uses the steady loop alone.
+        mode: Index of the mode of a `Structure`, from 0. The force must act on it.
 
     Raises:
-        ConfigError: `num_harmonics` is below 1, or JAX runs in float32.
-        ModelError: The joint has several modes, or a law without a steady loop.
+        ConfigError: `num_harmonics` is below 1, `mode` does not exist, or JAX runs in float32.
+        ModelError: The joint has a law without a steady loop, or the force does not act on the
+            mode.
     """
     require_float64("The forced response")
-    if isinstance(joint, Structure):
-        raise ModelError(
-            "Argument `joint` must have one mode, but is a Structure of several.",
-            remedy="Compute its curve by `jbw.response_curve`, which balances all modes.",
-        )
     if num_harmonics < 1:
         raise ConfigError(
             f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.",
             remedy="Use 1 for the steady loop alone, or 8 for an accurate result.",
         )
+    if isinstance(joint, Structure):
+        return _of_structure(joint, num_harmonics, mode)
+    _require_mode(mode, 1)
     require_contracts(joint)
     oscillator = as_oscillator(joint)
     for law in oscillator.laws:
@@ -189,13 +247,45 @@ def equivalent_motion(joint: Joint, num_harmonics: int = 1) -> EquivalentMotion:
     return EquivalentMotion(jax.tree.unflatten(structure, draws), num_harmonics)
 
 
+def _of_structure(structure: Structure, num_harmonics: int, mode: int) -> EquivalentMotion:
+    require_periodic(structure)
+    if np.ndim(structure.omega_n) < 2:
+        structure = jax.tree.map(lambda leaf: jnp.asarray(leaf, float)[None], admitted(structure))
+    rows = jax.vmap(_admitted_rows)(structure)
+    _require_mode(mode, np.shape(rows.omega_n)[1])
+    if np.any(np.asarray(rows.b)[:, mode] == 0.0):
+        raise ModelError(
+            f"Field `b` of the `Structure` must not be 0 for mode {mode}, but it is.",
+            why="The source does not act on this mode, which therefore has no resonance.",
+            remedy="Name a mode on which the source acts.",
+        )
+    return EquivalentMotion(rows, num_harmonics, mode)
+
+
+def _admitted_rows(structure: Structure) -> Structure:
+    rows = by_joint(admitted(structure))
+    return replace(rows, c=jnp.atleast_2d(rows.c))  # pyright: ignore[reportArgumentType]
+
+
+def _require_mode(mode: int, count: int) -> None:
+    if not 0 <= mode < count:
+        raise ConfigError(
+            f"Argument `mode` must be an index from 0 to {count - 1}, but is {mode}.",
+            remedy="Name a mode of the joint.",
+        )
+
+
 @partial(jax.jit, static_argnames="num_harmonics")
 def _loops(
-    joint: Oscillator, y: Float[Array, " lane"], omega: Float[Array, " lane"], num_harmonics: int
+    joint: Oscillator,
+    y: Float[Array, " lane"],
+    omega: Float[Array, " lane"],
+    mode: Mode,
+    num_harmonics: int,
 ) -> Float[Array, "lane 2"]:
     def loop(joint: Oscillator, y: Array, omega: Array) -> Array:
         if num_harmonics > 1:
-            force = condensed(joint, y, omega, num_harmonics)[0]
+            force = condensed(_rows(joint), mode, y, omega, num_harmonics).force
             return jnp.stack([joint.omega_n**2 + jnp.real(force), jnp.imag(force)])
         stiffness, loss = joint.loop(y, omega)
         return jnp.stack([joint.k + stiffness, loss])
@@ -204,58 +294,139 @@ def _loops(
 
 
 @partial(jax.jit, static_argnames="num_harmonics")
+def _modal_loops(
+    structure: Structure,
+    y: Float[Array, " lane"],
+    omega: Float[Array, " lane"],
+    mode: Mode,
+    num_harmonics: int,
+) -> Float[Array, "lane 6"]:
+    """Return K, D, the measured displacement, and power and kinetic energy with all modes."""
+
+    def loop(structure: Structure, y: Array, omega: Array) -> Array:
+        motion = condensed(structure, mode, y, omega, num_harmonics)
+        h, p, b, c = (jnp.asarray(x) for x in (structure.h, structure.p, structure.b, structure.c))
+        stiffness = jnp.asarray(structure.omega_n)[mode] ** 2 + jnp.real(motion.force)
+        q, output = jnp.real(motion.q[:, 0]), c[0] @ motion.q[:, 0]
+        # By reciprocity, h over p of a mode is its modal mass, relative to that of any other mode.
+        sizes, effects = jnp.sum(jnp.abs(h), 0), jnp.sum(jnp.abs(p), 1)
+        mass = jnp.where(effects > 0.0, sizes / jnp.where(effects > 0.0, effects, 1.0), 0.0)
+        power, kinetic = (jnp.sum(mass * part) / mass[mode] for part in (b * q / b[mode], q**2))
+        loss = jnp.imag(motion.force)
+        return jnp.stack([stiffness, loss, output.real, output.imag, power, kinetic])
+
+    return jax.vmap(loop)(structure, y, omega)
+
+
+@partial(jax.jit, static_argnames="num_harmonics")
 def _shapes(
-    joint: Oscillator, y: Float[Array, " lane"], omega: Float[Array, " lane"], num_harmonics: int
+    joint: Oscillator | Structure,
+    y: Float[Array, " lane"],
+    omega: Float[Array, " lane"],
+    mode: Mode,
+    num_harmonics: int,
 ) -> Float[Array, "lane 2"]:
-    def shape(joint: Oscillator, y: Array, omega: Array) -> Array:
-        _, higher = condensed(joint, y, omega, num_harmonics)
-        motion = jnp.concatenate([jnp.ones(1, complex), higher])
-        return jnp.stack([jnp.abs(synthesis(motion, crest(motion))), jnp.abs(higher[0])])
+    def shape(joint: Oscillator | Structure, y: Array, omega: Array) -> Array:
+        motion = condensed(_rows(joint), mode, y, omega, num_harmonics)
+        own, first, third = motion.q[mode], *jnp.max(jnp.abs(motion.x[:, :2]), axis=0)
+        return jnp.stack([jnp.abs(synthesis(own, crest(own))), third / first])
 
     return jax.vmap(shape)(joint, y, omega)
 
 
+def _rows(joint: Oscillator | Structure) -> Structure:
+    """Return a structure unchanged, and an oscillator as a structure of one mode and one joint."""
+    if isinstance(joint, Structure):
+        return joint
+    omega_n, zeta, one = jnp.atleast_1d(joint.omega_n), jnp.atleast_1d(joint.zeta), jnp.ones(1)
+    return Structure(omega_n, zeta, one[None], one[None], one, one[None], (joint.laws,))
+
+
+class CondensedMotion(NamedTuple):
+    """The motion whose fundamental is given in one mode, all relative to the amplitude Y there.
+
+    Attributes:
+        force: Part of the joints in the fundamental's stiffness, sum_j p_mj r_j1 / Y [1/s^2].
+        q: Harmonics of the modal coordinates, of which the mode's own fundamental is 1.
+        x: Harmonics of every joint's displacement.
+    """
+
+    force: Complex[Array, ""]
+    q: Complex[Array, "mode harmonic"]
+    x: Complex[Array, "joint harmonic"]
+
+
 def condensed(
-    joint: Oscillator, y: Scalar, omega: Scalar, num_harmonics: int
-) -> tuple[Complex[Array, ""], Complex[Array, " higher"]]:
-    r"""Solve for the higher harmonics of a motion whose fundamental is given.
+    structure: Structure, mode: Mode, y: Scalar, omega: Scalar, num_harmonics: int
+) -> CondensedMotion:
+    r"""Solve for the other modes and the higher harmonics of a motion with a given fundamental.
 
-    $$q_n \leftarrow -\frac{r_n(Y, q_3, q_5, \dots)}{\omega_n^2 - n^2\omega^2
-      + 2j n\zeta\omega_n\omega}$$
+    $$q_{in} \leftarrow \frac{b_i u_n - \sum_j p_{ij} r_{jn}(x)}{d_i(n\omega)}, \qquad
+      u_1 = \frac{d_m(\omega)\,Y + \sum_j p_{mj} r_{j1}(x)}{b_m}, \qquad q_{m1} = Y$$
 
-    with r_n of the laws' forces minus those of their stiffness at rest. Near the resonance the
-    inertia of the third harmonic is eight times the stiffness, so that each step gains a digit or
-    more.
+    with r of the laws' forces minus those of their stiffness at rest, and the modes' dynamic
+    stiffness d_i. Near the resonance of mode m, the other modes and the higher harmonics are stiff,
+    so that each step gains a digit or more.
 
     Args:
-        joint: The oscillator, scalars.
-        y: Amplitude Y of the displacement's fundamental [m].
+        structure: The structure, with one row of `h` per joint.
+        mode: Index m of the mode.
+        y: Amplitude Y of the fundamental of the mode's coordinate [m].
         omega: Frequency [rad/s].
-        num_harmonics: Number of balanced odd harmonics, at least 2.
+        num_harmonics: Number of balanced odd harmonics.
 
     Returns:
-        The laws' part r_1 / Y of the fundamental's stiffness [1/s^2], and the higher harmonics
-        divided by Y; NaN where 60 steps do not reach 1e-13.
+        The motion; NaN where 100 steps do not reach 1e-13.
     """
-    n = orders(num_harmonics)[1:]
-    inertia = joint.omega_n**2 - (n * omega) ** 2 + 2j * joint.zeta * joint.omega_n * n * omega
+    d, is_first = dynamic_stiffness(structure, omega, num_harmonics), orders(num_harmonics) == 1
+    h, p, b = (jnp.asarray(x) for x in (structure.h, structure.p, structure.b))
 
-    def force(q: Array) -> Array:
-        motion = jnp.asarray(y * jnp.concatenate([jnp.ones(1, complex), q]))
-        forces = (law.harmonics(motion, 2, omega) for law in joint.laws)
-        return sum(forces, jnp.zeros(num_harmonics, complex)) / y
+    def coordinates(r: Array) -> tuple[Array, Array]:
+        push = p @ r
+        source = (d[mode, 0] + push[mode, 0]) / b[mode]
+        q = (b[:, None] * source * is_first - push) / d
+        return push[mode, 0], q.at[mode, 0].set(1.0)
+
+    def forces(x: Array) -> Array:
+        if num_harmonics > 1:
+            return joint_forces(structure.laws, omega, jnp.asarray(y * x), MAX_TURNS) / y
+        secants = [
+            _secant(laws, y * jnp.abs(x[j, 0]), omega) for j, laws in enumerate(structure.laws)
+        ]
+        return jnp.stack(secants)[:, None] * x
 
     def unfinished(state: tuple) -> Array:
-        _, change, _, count = state
+        *_, change, count = state
         return (change > CONDENSED) & (count < MOST_STEPS)
 
     def advance(state: tuple) -> tuple:
-        q, _, _, count = state
-        r = force(q)
-        ahead = -r[1:] / inertia
-        return ahead, jnp.max(jnp.abs(ahead - q)), r[0], count + 1
+        motion, _, count = state
+        force, q = coordinates(forces(motion.x))
+        ahead = CondensedMotion(force, q, h @ q)
+        change = jnp.max(jnp.abs(ahead.x - motion.x)) / jnp.max(jnp.abs(ahead.x))
+        return ahead, change, count + 1
 
-    start = jnp.zeros(num_harmonics - 1, complex), jnp.inf, jnp.zeros((), complex), 0
-    q, change, r_1, _ = jax.lax.while_loop(unfinished, advance, start)
-    converged = change <= CONDENSED
-    return jnp.where(converged, r_1, jnp.nan), jnp.where(converged, q, jnp.nan)
+    force, q = coordinates(jnp.zeros((len(structure.laws), num_harmonics), complex))
+    start = CondensedMotion(force, q, h @ q), jnp.inf, 0
+    motion, change, _ = jax.lax.while_loop(unfinished, advance, start)
+    return jax.tree.map(lambda part: jnp.where(change <= CONDENSED, part, jnp.nan), motion)
+
+
+@jax.jit
+def joint_secants(
+    structure: Structure, x_peak: Float[Array, "draw joint"], omega: Float[Array, " draw"]
+) -> Complex[Array, "draw joint"]:
+    """Return each joint's complex steady loop at amplitudes of its own motion [1/s^2]."""
+
+    def of_draw(structure: Structure, x_peak: Array, omega: Array) -> Array:
+        pairs = enumerate(structure.laws)
+        return jnp.stack([_secant(laws, x_peak[j], omega) for j, laws in pairs])
+
+    return jax.vmap(of_draw)(structure, x_peak, omega)
+
+
+def _secant(laws: Any, x_peak: Scalar, omega: Scalar) -> Array:
+    """Return a joint's complex steady loop, relative to its stiffness at rest [1/s^2]."""
+    parts = [(law.loop(x_peak, omega), law.stiffness()) for law in laws]
+    total = sum((loop.stiffness - rest + 1j * loop.damping for loop, rest in parts), 0.0j)
+    return jnp.asarray(total, complex)

@@ -10,11 +10,15 @@ with period T, action J, and the losses of the viscous damper and of the loop ov
 taken at the frequency 1/T of each energy level. Without a loop the result is exact: p(y) ~ exp(-4 c
 V(y)/G).
 
+For one of several modes, period and loss are those of its backbone, and G is multiplied by
+$\beta^2/\mu$, where the other modes move along with it: their share in the power of the force is
+$\beta - 1$, and that in the kinetic energy is $\mu - 1$.
+
 Reference: J. B. Roberts and P. D. Spanos, Random Vibration and Statistical Linearization (1990).
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import NamedTuple
 
@@ -41,6 +45,7 @@ LEAST = 1e-3
 WIDTHS, UNEVEN = 4.0, 4.0
 HEAVY = 0.05  # damping ratio above which the energy changes too fast to be averaged
 Density = Callable[[Values], Values]
+ROUNDS = 4  # number of iterations for the frequency of a mode's backbone
 PHASES = 24  # number of nodes per quarter of a cycle
 
 
@@ -53,12 +58,16 @@ class Cycles(NamedTuple):
         period: T [s].
         mean_squares: Mean squares of displacement, velocity and acceleration over the cycle, of
             shape (3, draw, amplitude).
+        driven: Factor on the density of the force because other modes move along [-].
+        seen: Measured displacement over that of the mode [-].
     """
 
     energy: Values
     action: Values
     period: Values
     mean_squares: Values
+    driven: Values
+    seen: Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +89,7 @@ class RandomResponse:
     force_density: Density
 
     def rms(self, order: int = 0) -> Values:
-        """Return the rms of displacement (0), velocity (1) or acceleration (2) for each draw.
+        """Return the mode's rms displacement (0), velocity (1) or acceleration (2) for each draw.
 
         The unit is that of the quantity. Far below the resonance the spectrum is taken as flat.
         """
@@ -107,11 +116,8 @@ class RandomResponse:
             freq_hz: Frequencies [Hz].
             order: 0 for displacement, 1 for velocity, 2 for acceleration.
         """
-        share, receptance = self._linear(freq_hz)
-        density = self.force_density(freq_hz[None])
-        return (
-            self._x(freq_hz) ** (2 * order) * density * np.sum(share * np.abs(receptance) ** 2, 1)
-        )
+        _, square = self.transfer(freq_hz)
+        return self._x(freq_hz) ** (2 * order) * self.force_density(freq_hz[None]) * square
 
     def base_spectrum(
         self, freq_hz: Values, participation: float = 1.0, shape: float = 1.0
@@ -120,10 +126,17 @@ class RandomResponse:
 
         The force per unit mass is -p a_b: the density of a_b is that of the force divided by p^2.
         """
-        share, receptance = self._linear(freq_hz)
-        gain = 1.0 + participation * shape * self._x(freq_hz) ** 2 * receptance
+        mean, square = self.transfer(freq_hz)
+        gain = participation * shape * self._x(freq_hz) ** 2
         density = self.force_density(freq_hz[None]) / participation**2
-        return density * (1.0 + np.sum(share * (np.abs(gain) ** 2 - 1.0), 1))
+        return density * (1.0 + 2.0 * np.real(gain * mean) + gain**2 * square)
+
+    def transfer(self, freq_hz: Values) -> tuple[NDArray[np.complex128], Values]:
+        """Return mean and mean square of the measured displacement per force, (draw, freq)."""
+        share, receptance = self._linear(freq_hz)
+        seen = self.cycles.seen[..., None]
+        mean = np.sum(share * seen * receptance, 1)
+        return mean, np.sum(share * np.abs(seen * receptance) ** 2, 1)
 
     def _x(self, freq_hz: Values) -> Values:
         return 2.0 * np.pi * freq_hz
@@ -170,7 +183,7 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
     Raises:
         ModelError: The profile has no power at the mode, or the damping is above 5 %.
     """
-    single = EquivalentMotion(motion.joint)
+    single = replace(motion, num_harmonics=1)
 
     def force_density(freq_hz: Values) -> Values:
         return density(freq_hz) * wide(share, freq_hz) ** 2
@@ -188,7 +201,7 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
     coarse = scale * np.geomspace(1e-3, 100.0, COARSE)
     cycle, loss = _losses(single, coarse)
     steps = np.diff(cycle.energy, prepend=0.0)
-    exponent = np.cumsum(4.0 * loss / at_levels(1.0 / cycle.period) * steps, -1)
+    exponent = np.cumsum(4.0 * loss / cycle.driven / at_levels(1.0 / cycle.period) * steps, -1)
     # NaN means that the joint cannot vibrate freely at an amplitude, which then has no weight.
     beyond = np.argmax(~(exponent < FARTHEST), -1)
     beyond = np.where(exponent[:, -1] < FARTHEST, COARSE - 1, beyond)
@@ -198,7 +211,8 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
     cycle, loss = _losses(single, y)
     _require_levels(cycle.period)
     energy_by_y = cycle.energy @ derivative.T
-    exponent = (4.0 * loss / at_levels(1.0 / cycle.period) * energy_by_y) @ integral.T
+    level = cycle.driven * at_levels(1.0 / cycle.period)
+    exponent = (4.0 * loss / level * energy_by_y) @ integral.T
     probability = weights * cycle.period * energy_by_y * np.exp(-exponent)
     probability = probability / np.sum(probability, -1, keepdims=True)
     found = RandomResponse(y, probability, cycle, loss, force_density)
@@ -209,9 +223,33 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
 
 def _losses(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
     """Return free vibration at given amplitudes, and its losses divided by the action [1/s]."""
+    if motion.is_by_backbone:
+        return _losses_of_mode(motion, y)
     cycle = cycles(motion, y)
     _, loss = motion.values(y, 2.0 * np.pi / cycle.period)
     return cycle, motion.viscous + np.pi * loss * y**2 / cycle.action
+
+
+def _losses_of_mode(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
+    r"""Return free vibration along a mode's backbone, by one harmonic, and its losses.
+
+    $$J = \pi\mu\omega Y^2, \qquad dE = \frac{\omega}{2\pi} dJ, \qquad
+      \frac{B T}{J} = \frac{\beta}{\mu}\left(c + \frac{D}{\omega}\right)$$
+    """
+    omega = np.broadcast_to(motion.omega_n, y.shape)
+    with np.errstate(invalid="ignore"):
+        for _ in range(ROUNDS):
+            stiffness, loss = motion.values(y, omega)
+            omega = np.sqrt(stiffness)
+    power, mass = motion.moved_along(y, omega)
+    action = np.pi * mass * omega * y**2
+    rises = np.diff(action, prepend=0.0)
+    means = 0.5 * (omega + np.concatenate([omega[:, :1], omega[:, :-1]], -1))
+    energy = np.cumsum(means * rises, -1) / (2.0 * np.pi)
+    squares = 0.5 * y**2 * omega ** (2 * np.arange(3)[:, None, None])
+    cycle = Cycles(energy, action, 2.0 * np.pi / omega, squares, power**2 / mass,
+                   np.real(motion.seen(y, omega)))  # fmt: skip
+    return cycle, power / mass * (motion.viscous + loss / omega)
 
 
 def _require_power(density: Values, omega_n: Values) -> None:
@@ -293,7 +331,8 @@ def cycles(motion: EquivalentMotion, y: Values) -> Cycles:
     period = np.sum(time, -1)
     squares = ((length * cosine) ** 2, v**2, midline**2)
     means = np.stack([np.sum(time * square, -1) / period for square in squares])
-    return Cycles(energy, action, period, means)
+    one = np.ones_like(y)
+    return Cycles(energy, action, period, means, one, one)
 
 
 @jax.jit

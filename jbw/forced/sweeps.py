@@ -9,6 +9,7 @@ from jbw.forced.roots import bracketed_root
 
 # iterations of the search between two points of a curve; the error is then 1e-7 of the amplitude
 ROUNDS = 8
+LEAST_RISE = 0.1  # smallest slope of the force by the amplitude in a correction, as near a fold
 Complexes = NDArray[np.complex128]
 
 
@@ -44,7 +45,13 @@ def swept(motion: EquivalentMotion, peak: Peaks, omega: Values, *, upward: bool)
     ends = (np.take_along_axis(place, cell + i, -1) for i in range(2))
     root = bracketed_root(lambda t: along(peak, t).omega - omega, *ends, rounds=ROUNDS)
     point = along(peak, root)
-    return np.asarray(point.y * np.exp(1j * point.phase), complex)
+    if not motion.feels_frequency:
+        return np.asarray(point.y * np.exp(1j * point.phase), complex)
+    # The table holds loops in resonance; loops at the frequency itself correct the amplitude.
+    ratio = held_ratio(motion, point.y, np.broadcast_to(omega, point.y.shape))
+    missing = peak.level[..., None] / (point.y * np.abs(ratio)) - 1.0
+    y = point.y * (1.0 + missing / np.maximum(point.rise, LEAST_RISE))
+    return np.asarray(y * np.exp(-1j * np.angle(ratio)), complex)
 
 
 def held_ratio(motion: EquivalentMotion, y: Values, omega: Values) -> Complexes:

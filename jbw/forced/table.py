@@ -1,6 +1,6 @@
 """Tables of equivalent stiffness and loss against amplitude, which make searches fast."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,13 +29,14 @@ class LoopTable:
     def loops(self, y: Values) -> EquivalentLoops:
         """Return equivalent stiffness and loss at amplitudes y, by cubic interpolation.
 
-        The shape is (draw, *any); values are NaN beyond the nodes.
+        The shape is (draw, *any). Below the smallest node, where the joint is nearly stuck, values
+        are those of this node; they are NaN beyond the largest.
         """
         count = self.log_y.shape[1]
         shape, position = y.shape, np.log(y).reshape(y.shape[0], -1)
         step = self.log_y[:, 1:2] - self.log_y[:, :1]
-        u = (position - self.log_y[:, :1]) / step
-        inside = (u > -1e-9) & (u < count - 1 + 1e-9)
+        u = np.maximum((position - self.log_y[:, :1]) / step, 0.0)
+        inside = u < count - 1 + 1e-9
         cell = np.clip(np.nan_to_num(u), 0, count - 2).astype(int)
         u = np.where(inside, u - cell, np.nan)
         values = [np.take_along_axis(self.parts, (cell + i)[None], 2) for i in range(2)]
@@ -45,6 +46,7 @@ class LoopTable:
         third, second = slopes[0] + slopes[1] - 2.0 * rise, 3.0 * rise - 2.0 * slopes[0] - slopes[1]
         parts = values[0] + u * (slopes[0] + u * (second + u * third))
         by_y = (slopes[0] + u * (2.0 * second + 3.0 * u * third)) / (step * np.exp(position))
+        by_y = np.where(u > 0.0, by_y, 0.0 * u)
         return EquivalentLoops(*(part.reshape(shape) for part in (*parts, *by_y)))
 
 
@@ -61,8 +63,8 @@ def tabulated(motion: EquivalentMotion, low: Values, high: Values, num_nodes: in
     """
     log_y = np.log(low) + (np.log(high) - np.log(low)) * np.linspace(0.0, 1.0, num_nodes)
     y, omega = np.exp(log_y), wide(motion.omega_n, log_y)
-    if motion.feels_rate or motion.num_harmonics > 1:
-        stiffness, _ = EquivalentMotion(motion.joint).values(y, omega)
+    if motion.feels_frequency:
+        stiffness, _ = replace(motion, num_harmonics=1).values(y, omega)
         omega = np.sqrt(np.where(stiffness > 0, stiffness, np.nan))
     if motion.feels_rate:
         parts = np.stack(motion.loops(y, omega)[:3])

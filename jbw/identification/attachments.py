@@ -16,7 +16,7 @@ from jaxtyping import Float
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.shaker import ShakerReading, read_shaker, tells_shaker
 from jbw.measurement.channels import rms
-from jbw.measurement.records import BY_UNIT, Record, Test, drive_of, run_of
+from jbw.measurement.records import BASE, BY_UNIT, Record, Test, drive_of, run_of
 from jbw.observables.attachment import Foretold, label_of, mode_words
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import attached, named
@@ -64,7 +64,7 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
     """
     predictions: list[Observable] = []
     for drive in attached(parts):
-        others = {part.drive for part in parts} - {"", *FED}
+        others = {part.drive for part in parts} - {"", BASE, *FED}
         readable = [test for test in tests if tells_shaker(test) and _feeds(test, drive)]
         if not readable or not others:
             continue
@@ -138,7 +138,7 @@ def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
     everything = {**data.held, **theta}
     sentences = []
     for drive in attached(data.parts):
-        if label_of(drive) in data.labels:
+        if label_of(drive) in data.labels or drive not in FED:
             continue
         omega, zeta = (float(everything[named(name, drive)]) for name in ("omega_n", "zeta"))
         unloaded = mode_words(float(everything["omega_n"]), float(everything["zeta"]))

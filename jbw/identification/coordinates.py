@@ -17,7 +17,7 @@ from jbw.inference.density import Density
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, Product, bounds_by_name, box
 from jbw.observables.dataset import Dataset, largest_displacement
-from jbw.observables.drives import attached, named, parts_of, plain
+from jbw.observables.drives import OWN, attached, named, of_drive, parts_of, plain
 from jbw.observables.modes import Modes, bounds_of
 from jbw.oscillator.law import Bounds, Coordinates, Law, Scales
 from jbw.oscillator.laws import laws_named, same_by_construction
@@ -78,12 +78,12 @@ def _bounds_of(
 ) -> Bounds:
     """Return prior bounds of a drive's own omega_n, zeta and gain, unless these are fixed."""
     parts = parts_of(drive, data.parts)
-    omega_n, zeta = estimates[named("omega_n", drive)], estimates.get(named("zeta", drive), 0.01)
-    gain = estimates.get(named("gain", drive))
+    own = of_drive(estimates, drive)
+    omega_n, zeta, gain = own["omega_n"], own.get("zeta", 0.01), own.get("gain")
     std = None if gain is None else (gain, min(part.shown().gain_std for part in parts))
     linear = any(part.is_linear for part in parts)
     wide = linear_bounds(Scales(omega_n, zeta, 0.0), std, linear=linear)
-    bounds = {named(name, drive): pair for name, pair in wide.items()}
+    bounds = {named(name, drive): pair for name, pair in wide.items() if name in OWN[drive]}
     return {n: settings.prior.get(n, pair) for n, pair in bounds.items() if n not in data.held}
 
 

@@ -46,7 +46,7 @@ from jbw.inference.space.ridge import along_ridge
 from jbw.measurement.records import Test
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
-from jbw.observables.drives import NAMES, attached, named, of_drive
+from jbw.observables.drives import OWN, attached, named, of_drive
 from jbw.observables.noise import Drawn, draw_noise
 from jbw.observables.observable import Observable
 from jbw.oscillator.laws import laws_named
@@ -196,7 +196,8 @@ def of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
     drive = next((part.drive for part in data.parts if part.is_linear), "")
     is_attached = drive in attached(data.parts)
     return {
-        named(n, drive) if is_attached and n in NAMES else n: value for n, value in means.items()
+        named(n, drive) if is_attached and n in OWN[drive] else n: value
+        for n, value in means.items()
     }
 
 

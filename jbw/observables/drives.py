@@ -6,8 +6,9 @@ voltage or a current moves it with its shaker, whose armature is part of the osc
 $$\omega_n' \ne \omega_n, \qquad \zeta' \ne \zeta, \qquad g' \ne g$$
 
 If both are measured, the parameters of the structure alone have the plain names, and those of
-another drive carry its name, as `omega_n_voltage`. Offsets of runs are added to both. A campaign
-with a single drive has the plain names, whatever the drive is.
+another drive carry its name, as `omega_n_voltage`. Offsets of runs are added to both. A base that
+moves carries no armature: beside a force it only has its own gain, `gain_base`, the participation
+of the mode. A campaign with a single drive has the plain names, whatever the drive is.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -16,16 +17,19 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
+from jbw.measurement.records import BASE
 from jbw.measurement.resonances import AmplitudeCurve, oscillator_through
 from jbw.observables.line_fit import LEAST_LINES
 from jbw.observables.modes import with_ratios
 from jbw.observables.observable import Observable, SteadyLines
-from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR, STUCK
+from jbw.quantities import FED, LINEAR, OSCILLATOR, STUCK
 
 NAMES = tuple(quantity.name for quantity in OSCILLATOR)
 # damping ratio that is assumed if unknown, and smallest damping ratio
 DAMPED, LEAST_DAMPED = 0.02, 1e-4
-PLAIN = {quantity.name: plain for quantity, plain in zip(ATTACHED, NAMES * len(FED), strict=True)}
+# The own parameters of each drive, and their names without the drive.
+OWN = {**dict.fromkeys(FED, NAMES), BASE: ("gain",)}
+PLAIN = {f"{name}_{drive}": name for drive, names in OWN.items() for name in names}
 
 
 def named(name: str, drive: str) -> str:
@@ -48,7 +52,8 @@ def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
     """Return the drives that occur in names of parameters, such as voltage in omega_n_voltage."""
     drives = {part.drive for part in parts if part.drive}
     fed = tuple(drive for drive in FED if drive in drives)
-    return fed if drives - set(fed) else fed[1:]
+    moved = (BASE,) if {BASE, "force"} <= drives else ()
+    return (*(fed if drives - set(fed) else fed[1:]), *moved)
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
@@ -124,7 +129,10 @@ def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) 
         for drive, drive_parts in by_drive.items()
     }
     others = {
-        named(n, drive): x for drive, values in begun.items() if drive for n, x in values.items()
+        named(n, drive): x
+        for drive, values in begun.items()
+        for n, x in values.items()
+        if named(n, drive) in PLAIN
     }
     return begun[""] | others
 

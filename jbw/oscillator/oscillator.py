@@ -108,8 +108,13 @@ class Oscillator(eqx.Module):
         laws = tuple(law.undamaged() if law.degrades else law for law in self.laws)  # pyright: ignore[reportAttributeAccessIssue]
         return Oscillator(self.omega_n, self.zeta, laws)
 
-    def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
-        """Return the force k y + sum F [N/kg] along a slow path of displacement from rest."""
+    def force_along(
+        self, y: Float[Array, " time"], *, from_tip: bool = False
+    ) -> Float[Array, " time"]:
+        """Return the force k y + sum F [N/kg] along a slow path of displacement.
+
+        The path begins at rest or, if asked, at the tip of the steady loop to its first value.
+        """
 
         def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
             y_last, memory = carry
@@ -117,7 +122,8 @@ class Oscillator(eqx.Module):
             memory = self.follow(y_last, memory, dy)
             return (y_next, memory), self.force(y_next, SLOW * dy, memory)  # pyright: ignore[reportReturnType]
 
-        start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, self.at_rest()))
+        begun = (y[0], self.at_tip(y[0])) if from_tip else (0.0, self.at_rest())
+        start = jax.tree.map(lambda x: jnp.asarray(x, float), begun)
         return self.k * y + jax.lax.scan(onward, start, y)[1]  # pyright: ignore[reportReturnType]
 
     def force_unloading(self, y_peak: Scalar, y: Float[Array, " phase"]) -> Float[Array, " phase"]:

@@ -1,27 +1,32 @@
 """Predictions of a run's response to other loads, with bands from posterior draws.
 
-A member holds the draws of one law as oscillators of equivalent stiffness and loss. Bands contain
-the uncertainty of parameters, the variation between runs and the model discrepancy at the amplitude
-of the load; they do not contain measurement noise.
+A member holds the draws of one law as oscillators of equivalent stiffness and loss, for one mode.
+Several modes are predicted one by one, which needs modes that are far apart. Bands contain the
+uncertainty of parameters, the variation between runs and the model discrepancy at the amplitude of
+the load; they do not contain measurement noise.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypedDict
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jbw.errors import ConfigError, ModelError
+from jbw.errors import ConfigError, DataError, ModelError
 from jbw.forced.curves import peaks
 from jbw.forced.equivalent import EquivalentMotion, Values, equivalent_motion
 from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import BASE
 from jbw.observables.residual_terms import receptance, taken
-from jbw.oscillator.modes.parameters import has_further_modes
+from jbw.oscillator.law import laws_in
+from jbw.oscillator.modes.assembled import is_assembled
+from jbw.oscillator.modes.parameters import NAMES, has_further_modes, modal_structure_of
+from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import UNIT_OF, are_at_joints, derivative_order
 from jbw.report.messages import loads as messages
@@ -34,8 +39,16 @@ FEW = 4  # number of draws for a first estimate of the amplitude under a load
 # One harmonic is accurate to 1e-5 up to this ratio of the third harmonic to the first.
 ONE_HARMONIC = 1e-3
 MANY = 8  # number of odd harmonics that are computed above the ratio `ONE_HARMONIC`
+# smallest distance between two modes that are predicted one by one, in half-power widths
+APART = 10.0
+# odd multiples of a mode's frequency near which another mode takes up energy, and how near
+ORDERS, NEAR = (3, 5), 0.05
 TAU = 2.0 * np.pi
 Complexes = NDArray[np.complex128]
+WITH_ALL_MODES = (
+    "Follow the curve of one draw with all modes by `jbw.response_curve`: `jax.tree.map(lambda x: "
+    "x[0], study.joints())` is its structure."
+)
 
 
 @dataclass(frozen=True)
@@ -53,6 +66,7 @@ class Load:
             first.
         unit: Unit of the response, such as `g`; that of the records if empty.
         seed: Seed of the variation between runs.
+        mode: Number of the mode whose resonance is predicted, from 1.
     """
 
     drive: str = "force"
@@ -62,6 +76,7 @@ class Load:
     harmonics: int | None = None
     unit: str = ""
     seed: int = 0
+    mode: int = 1
 
     @property
     def is_base(self) -> bool:
@@ -73,12 +88,18 @@ def load_on(basis: Basis, load: Load) -> Load:
     """Return the load with its participation factor: stated, identified, or 1.
 
     Raises:
-        ConfigError: The stated participation is zero or infinite.
+        ConfigError: The stated participation is zero or infinite, or does not apply to all modes.
     """
     stated = load.participation
+    identified = any(test.drive == BASE for test in basis.seen.values())
+    if load.is_base and has_several(basis) and not (identified and np.isnan(stated)):
+        raise ConfigError(
+            "A moving base needs the participation of every mode, but the run has several modes "
+            "and was identified from other drives, or `participation` states a single one.",
+            remedy="Identify a test on a moving base, and leave out `participation`.",
+        )
     if np.isnan(stated):
-        identified = any(test.drive == BASE for test in basis.seen.values())
-        gain = float(np.mean(basis.draws(load.draws)["gain"])) if identified else 1.0
+        gain = float(np.mean(basis.draws(load.draws, drive=BASE)["gain"])) if identified else 1.0
         return replace(load, participation=gain)
     if np.isinf(stated) or stated == 0.0:
         raise ConfigError(
@@ -99,20 +120,30 @@ class LoadOptions(TypedDict, total=False):
     harmonics: int | None
     unit: str
     seed: int
+    mode: int
 
 
 class Member(NamedTuple):
     """Posterior draws of one law, as oscillators with amplitude-dependent stiffness and damping.
 
     Attributes:
-        motion: The oscillators of equivalent stiffness and loss.
+        motion: The oscillators of equivalent stiffness and loss, of one mode.
         theta: The parameters by name, of shape (draw,).
-        share: Force per unit mass and unit of the source, of shape (draw, 1).
+        share: Force on the mode per unit mass and unit of the source, of shape (draw, 1).
     """
 
     motion: EquivalentMotion
     theta: Draws
     share: Values
+
+    def measured(self, y: Values, omega: Values) -> Values:
+        """Return the measured displacements [m] at amplitudes y of the mode, (draw, any)."""
+        return y * np.abs(self.motion.seen(y, omega))
+
+    def resonant(self, y: Values) -> Values:
+        """Return the resonance frequency [rad/s] at amplitudes y of the mode, (draw, any)."""
+        stiffness, _ = self.motion.values(y, np.broadcast_to(self.motion.omega_n, y.shape))
+        return np.sqrt(np.maximum(stiffness, 0.0))
 
 
 class SeenResponse(NamedTuple):
@@ -136,21 +167,46 @@ class SeenResponse(NamedTuple):
         return {"units": self.unit, "long_name": self.name}
 
 
-def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator:
-    """Return the posterior draws as one oscillator whose arrays have the shape (draw,)."""
-    _require_one_mode(basis)
+def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator | Structure:
+    """Return the posterior draws as one model whose arrays have a first axis of draws."""
     if basis.beside:
         raise ConfigError(
             "A comparison of several laws has no single joint.",
             remedy="Load the run of a single law.",
         )
-    theta = basis.draws(draws, gain=1.0)
-    return oscillator_of({name: jnp.asarray(x) for name, x in theta.items()}, basis.laws)
+    return joint_of(basis.draws(draws, gain=1.0), basis.laws)
+
+
+def joint_of(theta: Draws, laws: tuple[str, ...]) -> Oscillator | Structure:
+    """Return draws of parameters as an oscillator, or as a structure of several modes.
+
+    Raises:
+        DataError: The run determines no gain of a further mode.
+    """
+    arrays = {name: jnp.asarray(x) for name, x in theta.items()}
+    if not (has_further_modes(theta) or are_at_joints(laws)):
+        return oscillator_of(arrays, laws)
+    missing = [] if is_assembled(theta) else [
+        mode.ratio for mode in NAMES if mode.omega in theta and mode.ratio not in theta
+    ]  # fmt: skip
+    if missing:
+        raise DataError(
+            f"The run's main posterior lacks {', '.join(missing)}, which a prediction needs.",
+            remedy="Identify also from tests that drive these modes.",
+        )
+    return jax.vmap(lambda one: modal_structure_of(one, laws))(arrays)
+
+
+def has_several(basis: Basis) -> bool:
+    """Return whether a run has several modes or joints."""
+    return has_further_modes(basis.posterior) or are_at_joints(basis.laws)
 
 
 def measured_of(basis: Basis, load: Load) -> SeenResponse:
     """Return the response that the run measured, with its unit and the unit of its source."""
     driven = [seen for seen in basis.seen.values() if seen.response in UNIT_OF]
+    # Beside tests on a moving base, a load by a force is in the unit of the tests by a force.
+    driven = [seen for seen in driven if (seen.drive == BASE) == load.is_base] or driven
     name = "acceleration" if load.is_base else driven[0].response if driven else "displacement"
     stated = [seen.stated_unit for seen in driven if seen.response == name]
     is_unit = bool(stated) and stated[0] in FACTORS[name]
@@ -168,27 +224,52 @@ def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> lis
     Raises:
         ConfigError: There are too few draws.
         DataError: The run determines no gain.
-        ModelError: The run has several modes or joints.
+        ConfigError: The run has no such mode.
     """
-    _require_one_mode(basis)
     found = []
     for count, member in basis.shared(draws):
         gain = load.participation if load.is_base else None
         drive = "" if load.is_base else load.drive
         theta = member.draws(count, gain, load.seed, drive, missed=missed)
-        joint = oscillator_of({name: jnp.asarray(x) for name, x in theta.items()}, member.laws)
-        motion = equivalent_motion(joint, load.harmonics or 1)
-        found.append(Member(motion, theta, theta["gain"][:, None]))
+        joint, share = joint_of(theta, member.laws), theta["gain"][:, None]
+        motion = equivalent_motion(joint, load.harmonics or 1, load.mode - 1)
+        if isinstance(joint, Structure):
+            share = share * np.asarray(joint.b)[:, load.mode - 1, None]
+        found.append(Member(motion, theta, share))
     return found
 
 
-def _require_one_mode(basis: Basis) -> None:
-    if has_further_modes(basis.posterior) or are_at_joints(basis.laws):
-        raise ModelError(
-            "The run must have one mode with one joint for this prediction, but has several.",
-            remedy="Follow the curve of a `jbw.Structure` by `jbw.response_curve`, or predict a "
-            "sweep by `jbw predict RUN --sweep`.",
-        )
+class Zone(NamedTuple):
+    """The frequencies that are nearer to one mode than to the others [rad/s]."""
+
+    mode: int
+    omega: float  # natural frequency of the mode
+    low: float
+    high: float
+
+    def holds(self, omega: Values) -> NDArray[np.bool_]:
+        """Return whether each frequency is in the zone."""
+        return (omega >= self.low) & (omega < self.high)
+
+    def within(self, omega: Values) -> Values:
+        """Return the frequencies in the zone."""
+        return omega[self.holds(omega)]
+
+
+def zones_of(basis: Basis, load: Load) -> list[Zone]:
+    """Return the zones of all modes on which the source acts; they meet at geometric means."""
+    (_, first), *_ = basis.shared(max(FEW, 2))
+    joint = joint_of(first.draws(FEW, gain=1.0, seed=load.seed), first.laws)
+    if not isinstance(joint, Structure):
+        return [Zone(1, float(np.median(joint.omega_n)), 0.0, np.inf)]
+    driven = np.flatnonzero(np.any(np.asarray(joint.b) != 0.0, axis=0))
+    omega = np.median(np.asarray(joint.omega_n), axis=0)
+    driven = driven[np.argsort(omega[driven])]
+    middles = np.sqrt(omega[driven[1:]] * omega[driven[:-1]])
+    ends = np.concatenate([[0.0], middles, [np.inf]])
+    return [
+        Zone(int(mode) + 1, float(omega[mode]), *ends[i : i + 2]) for i, mode in enumerate(driven)
+    ]
 
 
 class Prepared(NamedTuple):
@@ -223,30 +304,139 @@ def prepared(
     Args:
         basis: The draws and settings from which the run predicts.
         load: The load.
-        amplitude: A function that returns the largest displacement of every draw of a member [m].
+        amplitude: A function that returns the largest amplitude of the mode, by draw [m].
         what: The load in words, for warnings.
     """
     few = members_of(basis, replace(load, harmonics=1), FEW, NOTHING)
+    _require_widths(few[0].motion, few[0].motion.omega_n, few[0].motion.viscous, what)
     y = float(np.median(np.concatenate([np.ravel(amplitude(member)) for member in few])))
-    reach = y / basis.y_peak if basis.y_peak > 0 else np.nan
+    y_seen = _require_apart(few[0], y, what)
+    reach = y_seen / basis.y_peak if basis.y_peak > 0 else np.nan
     if reach > BEYOND and basis.outward is not None:
         basis = basis.outward
     if load.harmonics is None:
         load = replace(load, harmonics=_harmonics(few[0], y))
-    missed = NOTHING if basis.discrepancy is None else basis.discrepancy.at(y)
+    missed = NOTHING if basis.discrepancy is None else basis.discrepancy.at(y_seen)
     members = members_of(basis, load, load.draws, missed)
-    withheld = is_withheld(basis, (y,))
-    warnings = tuple(messages.warnings_of(what, y, reach, BEYOND, withheld=withheld))
+    withheld = is_withheld(basis, (y_seen,))
+    warnings = (
+        *messages.warnings_of(what, y_seen, reach, BEYOND, withheld=withheld),
+        *_internal_resonances(few[0], y, what),
+        *_thresholds_beyond(few[0], y, basis.y_peak, what),
+    )
     return Prepared(members, reach, withheld, load, warnings)
+
+
+def by_zones(
+    basis: Basis,
+    load: Load,
+    freq_hz: Values,
+    amplitude: Callable[[Member], Values],
+    what: str,
+    predict: Callable[[Zone, Prepared], list[dict[str, Values]]],
+) -> tuple[dict[str, list[Values]], Prepared]:
+    """Predict every mode in the zone of which frequencies lie, and join the predictions.
+
+    Args:
+        basis: The draws and settings from which the run predicts.
+        load: The load.
+        freq_hz: Frequencies in rising order [Hz].
+        amplitude: As for `prepared`.
+        what: The load in words.
+        predict: Function that returns, for each law, arrays whose last axis grows with the zones.
+
+    Returns:
+        The arrays of each law by name, and the facts of all modes together.
+    """
+    zones = [zone for zone in zones_of(basis, load) if np.any(zone.holds(TAU * freq_hz))]
+    readied = [prepared(basis, replace(load, mode=zone.mode), amplitude, what) for zone in zones]
+    found = [predict(zone, ready) for zone, ready in zip(zones, readied, strict=True)]
+    parts = {
+        name: [np.concatenate([zone[name] for zone in of_law], -1)
+               for of_law in zip(*found, strict=True)]
+        for name in found[0][0]
+    }  # fmt: skip
+    return parts, together(readied)
+
+
+def together(readied: Sequence[Prepared]) -> Prepared:
+    """Return the facts of several modes as one: largest reach, any band withheld, all warnings."""
+    reach, withheld = max(one.reach for one in readied), any(one.withheld for one in readied)
+    harmonics = max(one.load.harmonics or 1 for one in readied)
+    warnings = dict.fromkeys(line for one in readied for line in one.warnings)
+    first = readied[0]
+    load = replace(first.load, harmonics=harmonics)
+    return Prepared(first.members, reach, withheld, load, tuple(warnings))
 
 
 def _harmonics(member: Member, y: float) -> int:
     """Return the number of odd harmonics for an amplitude [m]: 1 if the third is small, else 8."""
+    return 1 if _third(member, y) < ONE_HARMONIC else MANY
+
+
+def _third(member: Member, y: float) -> float:
+    """Return the joints' third harmonic over their first, in resonance at an amplitude [m]."""
+    amplitude = np.full((len(member.share), 1), y)
+    third = member.motion.shapes(amplitude, member.resonant(amplitude))[1]
+    return float(np.nanmax(third, initial=0.0))
+
+
+def _require_apart(member: Member, y: float, what: str) -> float:
+    """Return the measured displacement [m] at an amplitude of a mode that is far from others.
+
+    Raises:
+        ModelError: Another mode is nearer than ten half-power widths.
+    """
     motion = member.motion
-    amplitude = np.full((len(motion.omega_n), 1), y)
-    stiffness, _ = motion.values(amplitude, motion.omega_n)
-    third = motion.shapes(amplitude, np.sqrt(np.maximum(stiffness, 0.0)))[1]
-    return 1 if np.nanmax(third, initial=0.0) < ONE_HARMONIC else MANY
+    if not motion.has_further_modes:
+        return y
+    amplitude = np.full((len(member.share), 1), y)
+    omega = member.resonant(amplitude)
+    _, loss = motion.values(amplitude, omega)
+    _require_widths(motion, omega, motion.viscous + loss / omega, what)
+    return float(np.median(member.measured(amplitude, omega)))
+
+
+def _require_widths(motion: EquivalentMotion, omega: Values, widths: Values, what: str) -> None:
+    """Raise if the next mode is nearer than ten half-power widths, of medians over the draws."""
+    if not motion.has_further_modes or np.shape(motion.joint.omega_n)[1] < 2:
+        return
+    own, width = float(np.median(omega)), float(np.median(widths))
+    others = np.delete(np.median(np.asarray(motion.joint.omega_n), axis=0), motion.mode)
+    nearest = others[np.argmin(np.abs(others - own))]
+    if abs(nearest - own) < APART * width:
+        raise ModelError(
+            f"{what} needs a mode that is at least {APART:g} half-power widths from the next, but "
+            f"mode {motion.mode + 1} at {own / TAU:.4g} Hz is {abs(nearest - own) / width:.2g} "
+            "widths from it.",
+            why="Modes are predicted one by one, as if each moved alone.",
+            remedy=WITH_ALL_MODES,
+        )
+
+
+def _internal_resonances(member: Member, y: float, what: str) -> Iterator[str]:
+    """Yield a warning if harmonics of the motion at an amplitude [m] are near another mode."""
+    if not member.motion.has_further_modes or _third(member, y) < ONE_HARMONIC:
+        return
+    own = float(np.median(member.resonant(np.full((len(member.share), 1), y))))
+    for other in np.median(np.asarray(member.motion.joint.omega_n), axis=0):
+        if any(abs(other / (n * own) - 1.0) < NEAR for n in ORDERS):
+            yield messages.internal_resonance(what, own / TAU, other / TAU)
+
+
+def _thresholds_beyond(member: Member, y: float, y_peak: float, what: str) -> Iterator[str]:
+    """Yield a warning for each threshold of a law between the fitted displacement and the load's.
+
+    The displacement of one of several joints is unknown in fitted tests, so that these are not
+    compared.
+    """
+    if member.motion.has_further_modes:
+        return
+    for law in laws_in(member.motion.joint.laws):
+        for threshold in law.thresholds():
+            place = float(np.median(threshold.y))
+            if 0.0 < y_peak < place < y:
+                yield messages.threshold_beyond(what, threshold.what, place, threshold.rests)
 
 
 def response_of(
@@ -254,19 +444,19 @@ def response_of(
 ) -> Complexes:
     """Return the response to a load in the requested unit, from displacements per draw.
 
-    Displacements y are in m, with phases relative to the force.
+    Displacements y of the mode are in m, with phases relative to the force.
 
     Under a force the modes outside the band add to the response. On a moving base the response is
     the absolute acceleration of the point. All arrays have the shape (draw, any).
     """
+    y = np.sign(member.share) * y * member.motion.seen(np.abs(y), omega)
     if load.is_base:
-        sign = np.sign(load.participation)
-        return seen.factor * (level + load.shape * omega**2 * sign * y)
-    gain = member.share
+        return seen.factor * (level + load.shape * omega**2 * y)
+    gain = member.theta["gain"][:, None]
     terms = {name: jnp.asarray(x)[:, None] for name, x in taken(member.theta, "auto").items()}
     added = gain * level * np.asarray(receptance(terms, jnp.asarray(omega))) if terms else 0.0
     order = derivative_order(seen.name)
-    return seen.factor * (1j * omega) ** order * (np.sign(gain) * y + added)
+    return seen.factor * (1j * omega) ** order * (y + added)
 
 
 def level_of(member: Member, level: float) -> Values:

@@ -1,37 +1,56 @@
 """Bands of the response to loads that vary in time: random profiles and shocks."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
-from jbw.errors import ConfigError
-from jbw.forced.equivalent import Values
+from jbw.errors import ConfigError, ModelError
+from jbw.forced.equivalent import Values, joint_secants
 from jbw.forced.profiles import RandomProfile
 from jbw.forced.random import RandomResponse, random_response
 from jbw.forced.shock import Pulse, ShockResponse, shock_response, shock_spectrum
+from jbw.forced.sine_on_random import SineOnRandom, sine_on_random
+from jbw.oscillator.modes.structure import Structure
 from jbw.quantities import derivative_order
 from jbw.report.messages import loads as messages
 from jbw.study.loads import (
     TAU,
+    Complexes,
     Load,
     Member,
     Prepared,
     SeenResponse,
     bands,
     checked_levels,
+    has_several,
     labelled,
     measured_of,
     prepared,
+    response_of,
+    together,
+    zones_of,
 )
 from jbw.verification.predictive_basis import Basis
 
 # number of frequencies on each side of the resonance; their spacing grows with distance
 FEW = 240
+# largest relative change of a mode's damping by the other modes' motion, by a rule that ignores the
+# order of their turns; its rms then changes by at most 1 %
+COUPLED = 0.005
+Modes = Sequence[tuple[Member, RandomResponse]]  # motion of every mode, of the draws of one law
 MOST_TIMES = 2000  # approximate number of times at which a response is stored
 
 
-def random_of(basis: Basis, profile: RandomProfile, duration: float, load: Load) -> xr.Dataset:
+def random_of(
+    basis: Basis,
+    profile: RandomProfile,
+    duration: float,
+    load: Load,
+    sine: tuple[float, float] | None = None,
+) -> xr.Dataset:
     """Return the bands of the response to a random profile: see `Study.random`.
 
     The model discrepancy is taken at twice the rms displacement.
@@ -39,50 +58,157 @@ def random_of(basis: Basis, profile: RandomProfile, duration: float, load: Load)
     (duration,) = checked_levels([duration])
     seen = measured_of(basis, load)
     stated = profile.in_unit(seen.source)
-    ready = prepared(
-        basis,
-        load,
-        lambda member: 2.0 * random_response(member.motion, stated.at, member.share).rms()[:, None],
-        messages.random(stated.rms, seen.source),
-    )
-    found = [random_response(m.motion, stated.at, np.abs(m.share)) for m in ready.members]
+    what = messages.random(stated.rms, seen.source)
+
+    at_sine = None if sine is None else tuple(checked_levels(sine))
+
+    def moved(member: Member) -> SineOnRandom:
+        share = np.abs(member.share)
+        if at_sine is None:
+            return SineOnRandom(random_response(member.motion, stated.at, share), 0.0j * share)
+        hz, level = at_sine
+        return sine_on_random(member.motion, stated.at, share, level * share, TAU * hz)
+
+    def amplitude(member: Member) -> Values:
+        found = moved(member)
+        return 2.0 * found.random.rms()[:, None] + np.abs(found.sine)
+
+    zones = zones_of(basis, load)
+    # If no mode is driven, the first one raises the error.
+    driven = [zone for zone in zones if stated.at(np.array(zone.omega / TAU)) > 0.0] or zones[:1]
+    by_mode = [prepared(basis, replace(load, mode=zone.mode), amplitude, what) for zone in driven]
+    members = [list(of_law) for of_law in zip(*(one.members for one in by_mode), strict=True)]
+    found = [[(member, moved(member)) for member in of_law] for of_law in members]
+    laws = [[(member, one.random) for member, one in of_law] for of_law in found]
+    for modes in laws:
+        _require_alone(modes, what)
     band = float(stated.freq_hz[0]), float(stated.freq_hz[-1])
-    freq_hz = _frequencies(found[0].frequency_hz, found[0].damping, band, FEW)
-    rows = [_random(response, load, seen, freq_hz, duration) for response in found]
+    near = [_frequencies(one.frequency_hz, one.damping, band, FEW) for _, one in laws[0]]
+    freq_hz, ready = np.unique(np.concatenate(near)), together(by_mode)
+    density = stated.at(freq_hz)
+    rows = [_random(modes, load, seen, density, freq_hz, duration) for modes in laws]
+    if at_sine is not None:
+        pairs = zip(rows, (modes[0] for modes in found), strict=True)
+        rows = [_with_sine(row, first, load, seen, at_sine) for row, first in pairs]
     units = messages.units_of_random(seen.unit, seen.name)
     variables = {
         name: (
             ("quantile", "freq") if name == "psd" else "quantile",
             bands([row[name] for row in rows], withheld=ready.withheld),
-            units[name],
+            units[re.sub(r"_\d+$", "", name)],
         )
         for name in rows[0]
     }
     coords = {"freq": ("freq", freq_hz, {"units": "Hz"})}
     facts = {"duration": duration, "profile_rms": stated.rms, **ready.facts}
+    if at_sine is not None:
+        facts |= {"sine_frequency": at_sine[0], "sine_level": at_sine[1]}
     return labelled(variables, coords, ready.load, seen).assign_attrs(facts)
 
 
 def _random(
-    found: RandomResponse, load: Load, seen: SeenResponse, freq_hz: Values, duration: float
+    modes: Modes,
+    load: Load,
+    seen: SeenResponse,
+    density: Values,
+    freq_hz: Values,
+    duration: float,
 ) -> dict[str, Values]:
-    """Return the statistics and spectrum of each draw's response to a random load."""
+    """Return the statistics and spectrum of each draw's response, from all modes of one law."""
+    mean, spread = _transfer(modes, freq_hz)
+    omega = TAU * freq_hz
+
+    def spectrum(order: int) -> Values:
+        return density * omega ** (2 * order) * (np.abs(mean) ** 2 + spread)
+
     if load.is_base:
-        spectrum = found.base_spectrum(freq_hz, load.participation, load.shape)
+        gain = load.shape * omega**2
+        response = density * (np.abs(1.0 + gain * mean) ** 2 + gain**2 * spread)
     else:
-        spectrum = found.spectrum(freq_hz, derivative_order(seen.name))
-    spectrum = seen.factor**2 * spectrum
-    relative = np.sqrt(np.trapezoid(found.spectrum(freq_hz), freq_hz))
-    largest = found.largest(duration)
+        response = spectrum(derivative_order(seen.name))
+    response = seen.factor**2 * response
+    relative = np.sqrt(np.trapezoid(spectrum(0), freq_hz))
+    # The largest values of modes that are independent add by their squares, as their rms do.
+    largest = np.sqrt(sum(one.largest(duration) ** 2 for _, one in modes))
+    each = [(f"_{member.motion.mode + 1}" if modes[1:] else "", one) for member, one in modes]
     return {
-        "rms": np.sqrt(np.trapezoid(spectrum, freq_hz)),
+        "rms": np.sqrt(np.trapezoid(response, freq_hz)),
         "displacement": relative,
         "largest_displacement": largest,
         "peak_factor": largest / relative,
-        "frequency": found.frequency_hz,
-        "damping": found.damping,
-        "psd": spectrum,
+        **{f"frequency{mode}": one.frequency_hz for mode, one in each},
+        **{f"damping{mode}": one.damping for mode, one in each},
+        "psd": response,
     }
+
+
+def _with_sine(
+    row: dict[str, Values],
+    motion: tuple[Member, SineOnRandom],
+    load: Load,
+    seen: SeenResponse,
+    at_sine: tuple[float, ...],
+) -> dict[str, Values]:
+    """Return the statistics with the amplitude of the response at the frequency of a sine."""
+    member, sine = motion[0], motion[1].sine
+    hz, level = at_sine
+    response = response_of(member, load, seen, level, np.full(sine.shape, TAU * hz), sine)
+    largest = row["largest_displacement"] + np.abs(sine)[:, 0]
+    return {**row, "largest_displacement": largest, "sine": np.abs(response)[:, 0]}
+
+
+def _transfer(modes: Modes, freq_hz: Values) -> tuple[Complexes, Values]:
+    """Return mean and variance of the measured displacement per unit of the source, (draw, freq).
+
+    Modes without power at their resonance add the response of stuck joints to the mean.
+    """
+    members = [member for member, _ in modes]
+    moments = [(member.share, *one.transfer(freq_hz)) for member, one in modes]
+    mean = np.sum([share * mean for share, mean, _ in moments], axis=0)
+    spread = np.sum(
+        [share**2 * (square - np.abs(mean) ** 2) for share, mean, square in moments], axis=0
+    )
+    joint, omega = members[0].motion.joint, TAU * freq_hz
+    if isinstance(joint, Structure):
+        own = [member.motion.mode for member in members]
+        omega_n, zeta, b, c = (
+            np.delete(np.asarray(part), own, -1)[..., None]
+            for part in (joint.omega_n, joint.zeta, joint.b, np.asarray(joint.c)[:, 0])
+        )
+        stuck = b * c / (omega_n**2 - omega**2 + 2j * zeta * omega_n * omega)
+        mean = mean + members[0].theta["gain"][:, None] * np.sum(stuck, 1)
+    return mean, spread
+
+
+def _require_alone(modes: Modes, what: str) -> None:
+    """Raise if the simultaneous motion of modes changes their damping at the joints.
+
+    The damping of each mode at its rms amplitude is compared with that at the joints' rms of all
+    modes together.
+    """
+    joint = modes[0][0].motion.joint
+    if len(modes) < 2 or not isinstance(joint, Structure):
+        return
+    h, p = np.abs(np.asarray(joint.h)), np.abs(np.asarray(joint.p))
+    rms = [np.sqrt(2.0) * one.rms()[:, None] * h[..., m.motion.mode] for m, one in modes]
+    total = np.sqrt(np.sum(np.square(rms), axis=0))
+    for (member, response), own in zip(modes, rms, strict=True):
+        mode, omega = member.motion.mode, TAU * response.frequency_hz
+        weights = p[:, mode] * h[..., mode]
+        alone, beside = (
+            np.sum(weights * np.imag(joint_secants(joint, x, omega)), -1) for x in (own, total)
+        )
+        change = (beside - alone) / (member.motion.viscous[:, 0] * omega + alone)
+        if np.median(np.abs(change)) > COUPLED:
+            raise ModelError(
+                f"{what} must move the joint by one mode at a time, but the motion of the other "
+                f"modes changes the damping of mode {mode + 1} by "
+                f"{100 * float(np.median(change)):.2g} %.",
+                why="Random vibration is predicted mode by mode, as if each moved alone.",
+                remedy="Restrict the profile to the frequencies of one mode, or simulate the "
+                "structure of one draw, `jax.tree.map(lambda x: x[0], study.joints())`, by "
+                "`jbw.simulate` with samples of the force.",
+            )
 
 
 def _frequencies(centre: Values, damping: Values, band: tuple[float, float], few: int) -> Values:
@@ -104,6 +230,13 @@ def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
         raise ConfigError(
             f"The shock must be in {seen.source}, but is in {pulse.unit}.",
             remedy='Give a force, or `drive="base"` for an acceleration of the base.',
+        )
+    if has_several(basis):
+        raise ModelError(
+            "The run must have one mode with one joint for the prediction of a shock, but has "
+            "several.",
+            remedy="Simulate the structure of one draw, `jax.tree.map(lambda x: x[0], "
+            "study.joints())`, by `jbw.simulate`.",
         )
     single = replace(load, harmonics=1)  # A shock is integrated in time and needs no harmonics.
 

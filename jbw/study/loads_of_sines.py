@@ -1,21 +1,26 @@
 """Bands of responses to sines: curves, resonances, and the level that keeps a limit."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
-from jbw.forced.curves import Peaks, exact_points, peaks, resonance
+from jbw.forced.curves import exact_points, peaks, resonance
 from jbw.forced.equivalent import Values
 from jbw.forced.sweeps import held_ratio, swept, whole_curve
 from jbw.quantities import derivative_order
 from jbw.report.messages import loads as messages
 from jbw.study.loads import (
     TAU,
+    Complexes,
     Load,
     Member,
+    Prepared,
     SeenResponse,
+    Zone,
     bands,
+    by_zones,
     checked_band,
     checked_levels,
     labelled,
@@ -24,12 +29,25 @@ from jbw.study.loads import (
     peak_of,
     prepared,
     response_of,
+    zones_of,
 )
 from jbw.verification.predictive_basis import Basis
 
 NUM_FREQ = 241  # number of frequencies of a response curve
 # number of rounds, and relative error, of the search for the displacement at the limit
 MOST_ROUNDS, CLOSE = 8, 1e-6
+
+
+def resonances_in(
+    basis: Basis, load: Load, band_hz: tuple[float, float]
+) -> Iterator[tuple[str, Load]]:
+    """Yield a name and the load of each mode in a band; of a single mode, wherever it is."""
+    low, high = (TAU * end for end in checked_band(band_hz))
+    zones = zones_of(basis, load)
+    for zone in zones:
+        if len(zones) == 1 or low <= zone.omega <= high:
+            name = "resonance" if len(zones) == 1 else f"resonance of mode {zone.mode}"
+            yield name, replace(load, mode=zone.mode)
 
 
 def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Dataset:
@@ -39,6 +57,7 @@ def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Datase
     for level in levels:
         ready = prepared(basis, load, peak_of(level), messages.sine(level, seen.source))
         rows = [_resonance(member, ready.load, seen, level) for member in ready.members]
+        warnings += _isolated([row.pop("isolated") for row in rows], level, seen)
         named = {name: [row[name] for row in rows] for name in rows[0]}
         column = {name: bands(draws, withheld=ready.withheld) for name, draws in named.items()}
         folds = np.mean(np.isfinite(np.concatenate(named["jump_up"])))
@@ -67,12 +86,20 @@ def _resonance(member: Member, load: Load, seen: SeenResponse, level: float) -> 
     return {
         "frequency": found.peak.omega[:, 0] / TAU,
         "peak": np.abs(response)[:, 0],
-        "displacement": found.peak.y[:, 0],
+        "displacement": member.measured(found.peak.y, found.peak.omega)[:, 0],
         "quality": found.quality[:, 0],
         "half_power_width": found.width[:, 0] / TAU,
         "jump_up": found.jump_up[:, 0] / TAU,
         "jump_down": found.jump_down[:, 0] / TAU,
+        "isolated": np.asarray(found.peak.isolated[:, 0], float),
     }
+
+
+def _isolated(parts: Iterable[Values], level: float, seen: SeenResponse) -> list[str]:
+    """Return a warning if a share of the draws has a branch that a slow sweep never reaches."""
+    share = float(np.mean(np.concatenate([np.ravel(part) for part in parts])))
+    what = messages.sine(level, seen.source)
+    return [messages.isolated(what, share)] if share > 0.0 else []
 
 
 def response_curve_of(
@@ -80,14 +107,14 @@ def response_curve_of(
 ) -> xr.Dataset:
     """Return the response curve to a sine of one level, with bands: see `Study.response_curve`."""
     (level,), band_hz = checked_levels([level]), checked_band(band_hz)
-    seen = measured_of(basis, load)
-    ready = prepared(basis, load, peak_of(level), messages.sine(level, seen.source))
-    freq_hz = np.linspace(*band_hz, num_freq)
-    parts: dict[str, list[Values]] = {}
-    for member in ready.members:
-        peak = peaks(member.motion, level_of(member, level))
-        for name, values in _curve(member, load, seen, level, peak, freq_hz).items():
-            parts.setdefault(name, []).append(values)
+    seen, freq_hz = measured_of(basis, load), np.linspace(*band_hz, num_freq)
+    what = messages.sine(level, seen.source)
+
+    def curves(zone: Zone, ready: Prepared) -> list[dict[str, Values]]:
+        omega = zone.within(TAU * freq_hz)
+        return [_curve(member, ready.load, seen, level, omega, zone) for member in ready.members]
+
+    parts, ready = by_zones(basis, load, freq_hz, peak_of(level), what, curves)
     unit, hertz, radian = seen.attrs, {"units": "Hz"}, {"units": "rad"}
     points = {name: np.concatenate(parts[name]) for name in ("frequency", "amplitude", "phase")}
     variables = {
@@ -98,26 +125,32 @@ def response_curve_of(
     for name in ("upward", "downward"):
         banded = bands(parts[name], withheld=ready.withheld)
         variables[name] = (("quantile", "freq"), banded, unit)
-    facts = {"level": level, **ready.facts}
+    warnings = [*ready.warnings, *_isolated(parts["isolated"], level, seen)]
+    facts = {"level": level, **ready.facts, "warnings": "\n".join(warnings)}
     found = labelled(variables, {"freq": ("freq", freq_hz, hertz)}, ready.load, seen)
     return found.assign_attrs(facts)
 
 
 def _curve(
-    member: Member, load: Load, seen: SeenResponse, level: float, peak: Peaks, freq_hz: Values
+    member: Member, load: Load, seen: SeenResponse, level: float, omega: Values, zone: Zone
 ) -> dict[str, Values]:
-    """Return each draw's response curve, and its response to slow sweeps up and down."""
-    omega = TAU * freq_hz
+    """Return each draw's response curve in the zone of a mode, and its response to slow sweeps."""
+    peak = peaks(member.motion, level_of(member, level))
     curve = whole_curve(member.motion, peak, (float(omega[0]), float(omega[-1])))
+    reached = np.where(zone.holds(curve.omega), curve.omega, np.nan)[:, 0]
     phasor = np.asarray(curve.y * np.exp(1j * curve.phase), complex)[:, 0]
-    response = response_of(member, load, seen, level, curve.omega[:, 0], phasor)
+    response = response_of(member, load, seen, level, reached, phasor)
     found = {
-        "frequency": curve.omega[:, 0] / TAU,
+        "frequency": reached / TAU,
         "amplitude": np.abs(response),
         "phase": np.angle(response),
         "stable": curve.stable[:, 0],
+        "isolated": np.asarray(peak.isolated[:, 0], float),
     }
     for name, upward in (("upward", True), ("downward", False)):
+        if not upward and np.all(curve.stable):  # Without a fold, both sweeps are the same.
+            found[name] = found["upward"]
+            continue
         y = swept(member.motion, peak, omega, upward=upward)[:, 0]
         frequency = np.broadcast_to(omega, y.shape)
         found[name] = np.abs(response_of(member, load, seen, level, frequency, y))
@@ -129,34 +162,34 @@ def notch_of(
 ) -> xr.Dataset:
     """Return the bands of the level that keeps a response within a limit; see `Study.notch`."""
     (level, limit), band_hz = checked_levels([level, limit]), checked_band(band_hz)
-    seen = measured_of(basis, load)
-    freq_hz = np.linspace(*band_hz, NUM_FREQ)
-    omega = TAU * freq_hz
+    seen, freq_hz = measured_of(basis, load), np.linspace(*band_hz, NUM_FREQ)
+    what = messages.limit(limit, seen.unit)
 
-    def displacement(member: Member) -> tuple[Values, Values]:
+    def displacement(member: Member, omega: Values) -> tuple[Values, Values]:
         """Return the displacement and the force at which the response equals the limit."""
-        frequency = np.broadcast_to(omega, (len(member.motion.omega_n), len(omega)))
+        frequency = np.broadcast_to(omega, (len(member.share), len(omega)))
         y = np.broadcast_to(
             limit / seen.factor / omega ** derivative_order(seen.name), frequency.shape
         )
-        ratio, share = held_ratio(member.motion, y, frequency), load.participation
-        # On a moving base, the response contains the base's acceleration, so the search is
-        # repeated.
-        for _ in range(MOST_ROUNDS if load.is_base else 0):
-            before = y
-            y = limit / seen.factor * abs(share) / np.abs(ratio + share * load.shape * frequency**2)
-            ratio = held_ratio(member.motion, y, frequency)
+        # The response to a unit displacement depends on the displacement, so that it is repeated.
+        for _ in range(MOST_ROUNDS):
+            before, ratio = y, held_ratio(member.motion, y, frequency)
+            y = limit / seen.factor / _per_displacement(member, load, seen, ratio, y, frequency)
             if not np.any(np.abs(y / before - 1.0) > CLOSE):
                 break
-        return y, y * np.abs(ratio)
+        return y, y * np.abs(held_ratio(member.motion, y, frequency))
 
-    middle = np.argmin(np.abs(freq_hz - 0.5 * sum(band_hz)))
+    def levels(zone: Zone, ready: Prepared) -> list[dict[str, Values]]:
+        omega = zone.within(TAU * freq_hz)
+        forces = [displacement(member, omega)[1] / np.abs(member.share) for member in ready.members]
+        return [{"allowed": force} for force in forces]
 
     def in_the_middle(member: Member) -> Values:
-        return displacement(member)[0][:, middle]
+        middle = np.clip(np.pi * sum(band_hz), *TAU * freq_hz[[0, -1]])
+        return displacement(member, np.array([middle]))[0][:, 0]
 
-    ready = prepared(basis, load, in_the_middle, messages.limit(limit, seen.unit))
-    allowed = [displacement(member)[1] / np.abs(member.share) for member in ready.members]
+    parts, ready = by_zones(basis, load, freq_hz, in_the_middle, what, levels)
+    allowed = parts["allowed"]
     unit = {"units": seen.source}
     variables = {
         "allowed": (("quantile", "freq"), bands(allowed, withheld=ready.withheld), unit),
@@ -169,3 +202,14 @@ def notch_of(
     found = labelled(variables, {"freq": ("freq", freq_hz, {"units": "Hz"})}, ready.load, seen)
     facts = {"limit": limit, **ready.facts}
     return found.assign_attrs(facts)
+
+
+def _per_displacement(
+    member: Member, load: Load, seen: SeenResponse, ratio: Complexes, y: Values, omega: Values
+) -> Values:
+    """Return the response per displacement of the mode, in SI, at amplitudes y."""
+    output = member.motion.seen(y, omega)
+    if load.is_base:
+        # The response contains the acceleration of the base, ratio / share per displacement.
+        return np.abs(ratio / member.share + load.shape * omega**2 * output)
+    return np.abs(output) * omega ** derivative_order(seen.name)

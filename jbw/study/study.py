@@ -19,6 +19,7 @@ from jbw.forced.shock import Pulse, pulse_of
 from jbw.identification.procedure import Identification, Known
 from jbw.inference.posterior.finding import Verdict, kept_verdict
 from jbw.measurement.records import Test
+from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator
 from jbw.report.formats import formats_of
 from jbw.report.opening import known_parameters
@@ -191,13 +192,13 @@ class Study:
         """
         return planned_sweep(basis_of(self.tree), band_hz, level, duration, fs)
 
-    def joints(self, draws: int = NUM_DRAWS) -> Oscillator:
+    def joints(self, draws: int = NUM_DRAWS) -> Oscillator | Structure:
         """Return an oscillator whose parameters are arrays over the posterior draws.
 
-        Its arrays have the shape (draw,); `jbw.simulate` and `jbw.steady_state` accept it.
+        Its arrays have the shape (draw,); `jbw.simulate` and `jbw.steady_state` accept it. Of
+        several modes or joints it is a structure, whose arrays have a first axis of draws.
 
         Raises:
-            ModelError: The run has several modes or joints.
             ConfigError: There are fewer than two draws.
         """
         return joints_of_basis(basis_of(self.tree), draws)
@@ -212,7 +213,7 @@ class Study:
             band: First and last frequency [Hz].
             options: `drive` (`force`, the default, for the run's source, or `base`), `draws`,
                 `participation` and `shape` of the mode on a moving base, `harmonics`, `unit` of the
-                response (by default that of the records), `seed`.
+                response (by default that of the records), `seed`, `mode` (for `resonance`, from 1).
 
         Returns:
             `frequency` [Hz], `amplitude`, `phase` [rad] and `stable` by (draw, point) along the
@@ -223,7 +224,8 @@ class Study:
         Raises:
             ConfigError: A level, band or option is invalid.
             DataError: The run determines no gain.
-            ModelError: The run has several modes, or no resonance at this level.
+            ModelError: There is no resonance at this level, or two of several modes are nearer
+                than ten half-power widths.
         """
         basis = basis_of(self.tree)
         return response_curve_of(basis, level, band, load_on(basis, Load(**options)))
@@ -272,28 +274,36 @@ class Study:
         return notch_of(basis, level, limit, band, load_on(basis, Load(**options)))
 
     def random(
-        self, profile: RandomProfile, duration: float = 60.0, **options: Unpack[LoadOptions]
+        self,
+        profile: RandomProfile,
+        duration: float = 60.0,
+        sine: tuple[float, float] | None = None,
+        **options: Unpack[LoadOptions],
     ) -> xr.Dataset:
         """Return the response to random vibration of a given profile, by averaging the energy.
 
         Args:
             profile: Spectral density of the source, from `jbw.read_profile` or `jbw.profile_of`.
             duration: Duration for which the largest displacement is stated [s].
+            sine: Frequency [Hz] and amplitude, in the unit of the source, of a sine beside the
+                random vibration.
             options: Options of `response_curve`.
 
         Returns:
             99 % intervals of `rms` and `psd` of the response; of the rms, largest displacement and
             peak factor of the relative motion; of the rate of upward crossings and the equivalent
-            damping.
+            damping. With a sine, these are of the random part; `sine` is the amplitude of the
+            response at its frequency, and the largest displacement contains it.
 
         Raises:
             ConfigError: A unit does not fit the source.
             DataError: The run determines no gain.
-            ModelError: The profile has no power at the mode or is too narrow, the damping is above
-                5 %, or the run has several modes.
+            ModelError: The profile has no power at a mode or is too narrow, the damping is above
+                5 %, a sine is within ten half-power widths of the mode, or several modes move the
+                joint at the same time.
         """
         basis = basis_of(self.tree)
-        return random_of(basis, profile, duration, load_on(basis, Load(**options)))
+        return random_of(basis, profile, duration, load_on(basis, Load(**options)), sine)
 
     def shock(self, pulse: str | Pulse, **options: Unpack[LoadOptions]) -> xr.Dataset:
         """Return the motion under a shock: the band over time, the largest value, and the spectrum.

@@ -120,6 +120,18 @@ def test_a_random_profile_and_a_shock(folder, tmp_path, capsys):
     assert {"random.csv", "shock.csv", "shock_time.csv"} <= names
 
 
+def test_a_sine_beside_a_random_profile(folder, tmp_path, capsys):
+    profile = tmp_path / "profile.csv"
+    profile.write_text("frequency [Hz], density [g^2/Hz]\n5, 0.001\n80, 0.001\n")
+    arguments = ["--psd", str(profile), "--sine", "40:0.5g", "--base", "--unit", "g"]
+    assert run(["predict", str(folder), *arguments, "--draws", "4", "--json"]) == 0
+    omega = 2 * np.pi * 40.0
+    receptance = 1 / (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
+    found = rows_of(capsys)["random", "sine", None]
+    assert found["median"] == pytest.approx(0.5 * abs(1 + omega**2 * receptance), rel=1e-4)
+    assert found["unit"] == "g"
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "text"),
     [
@@ -132,6 +144,8 @@ def test_a_random_profile_and_a_shock(folder, tmp_path, capsys):
         (["--response", "17:20", "--level", "1", "--sweep", "10:20"], 2, "separate commands"),
         (["--sweep", "10:20", "--level", "1", "--base"], 2, "needs a load"),
         (["--notch", "5", "--level", "1"], 2, "needs --response and --level"),
+        (["--response", "17:20", "--level", "1", "--sine", "30:1"], 2, "needs --psd"),
+        (["--psd", "profile.csv", "--sine", "30"], 2, "one frequency"),
     ],
 )
 def test_options_that_cannot_be_meant(folder, capsys, arguments, code, text):

@@ -94,12 +94,16 @@ def test_the_remedy_of_a_velocity_on_a_base_is_taken(tmp_path):
     load_campaign(written(tmp_path, "velocity", "m/s", more=line, is_relative=True))
 
 
-def test_a_force_beside_a_base_is_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("role", "unit", "said"),
+    [("force", "N", "modal_mass"), ("input", "V", "cannot be combined with tests driven by volt")],
+)
+def test_another_drive_beside_a_base_is_refused_without_a_mass(tmp_path, role, unit, said):
     path = written(tmp_path)
     table = HEAD.split("[[test]]")[1].format(role="acceleration", unit="m/s^2", more="")
-    by_force = table.replace("base", "force").replace('"g"', '"N"')
-    path.write_text(f"{path.read_text()}\n[[test]]{by_force}")
-    with pytest.raises(ConfigError, match="cannot be combined with tests driven by force"):
+    by_other = table.replace("base", role).replace('"g"', f'"{unit}"')
+    path.write_text(f"{path.read_text()}\n[[test]]{by_other}")
+    with pytest.raises(ConfigError, match=said):
         load_campaign(path)
 
 

@@ -56,7 +56,7 @@ EXAMPLES = {
         campaign_faults.mode_outside(30.0, "15 to 23 Hz"),
         campaign_faults.no_level(2.0, "1, 3"),
         campaign_faults.no_role("force"),
-        campaign_faults.base_beside_others("force"),
+        campaign_faults.base_beside_others("voltage"),
         campaign_faults.joint_twice("[[joint]] `a`", 2),
         campaign_faults.no_place("[[joint]] `a`"),
         campaign_faults.no_stiffness("[[joint]] `a`"),

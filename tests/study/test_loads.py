@@ -12,10 +12,12 @@ from made_runs import GAIN, JOINT, OMEGA_N, SILENT, ZETA, Z, a_test, a_tree, sam
 import jbw
 import jbw.study.study as module
 from jbw.errors import ConfigError, DataError, ModelError
+from jbw.forced.equivalent import equivalent_motion
 from jbw.forced.profiles import profile_of
 from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
-from jbw.study.loads import Load, SeenResponse, response_of
+from jbw.study.loads import Load, Member, SeenResponse, response_of
 from jbw.study.loads_in_time import _random
+from jbw.study.loads_of_sines import _isolated
 from jbw.study.study import Study
 
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden_forced.json").read_text())
@@ -118,7 +120,9 @@ def test_a_point_on_a_moving_base_moves_with_it_below_the_resonance(participatio
     receptance = 1 / (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
     y = abs(participation) * level * receptance  # over the phase of the force |p| a_b
     seen = SeenResponse("acceleration", "mm/s^2", 1e3, "m/s^2")
-    found = response_of(None, load, seen, level, omega, y)
+    linear = equivalent_motion(jbw.Oscillator(OMEGA_N, ZETA))
+    member = Member(linear, {}, np.array([[participation]]))
+    found = response_of(member, load, seen, level, omega, y)
     expected = 1e3 * level * (1 + participation * shape * omega**2 * receptance)
     assert found == pytest.approx(expected, rel=1e-14)
 
@@ -126,12 +130,14 @@ def test_a_point_on_a_moving_base_moves_with_it_below_the_resonance(participatio
 def test_a_density_is_in_the_square_of_the_unit_of_its_response():
     """A density of one (m/s^2)^2/Hz over 4 Hz has an rms of 2 m/s^2, 2000 mm/s^2."""
     one = np.ones(1)
+    freq_hz = np.linspace(10.0, 14.0, 5)
+    unit = (TAU * freq_hz[None]) ** -2  # displacement per force of unit acceleration
     response = SimpleNamespace(
-        spectrum=lambda freq, order=0: np.ones((1, len(freq))), largest=lambda _: 3 * one,
-        frequency_hz=one, damping=one,
-    )  # fmt: skip
+        transfer=lambda _: (unit, unit**2), largest=lambda _: 3 * one, frequency_hz=one, damping=one
+    )
     seen = SeenResponse("acceleration", "mm/s^2", 1e3, "N")
-    found = _random(response, Load(), seen, np.linspace(10.0, 14.0, 5), 60.0)
+    member = Member(equivalent_motion(jbw.Oscillator(OMEGA_N, ZETA)), {}, one[:, None])
+    found = _random([(member, response)], Load(), seen, np.ones(5), freq_hz, 60.0)
     assert found["rms"] == pytest.approx(2000.0, rel=1e-14)
     assert found["psd"] == pytest.approx(1e6, rel=1e-14)
 
@@ -187,6 +193,27 @@ def test_levels_beyond_the_fitted_are_said():
     assert found["reach"].values[0] == pytest.approx(10.0)
     (sentence,) = jbw.warnings_of(found)
     assert "10 times" in sentence
+
+
+def test_macroslip_that_no_fitted_test_reached_is_said():
+    """The golden joint begins to slip as a whole at 1.14 mm, and the load moves it by 1.5 mm."""
+    stated = GOLDEN["parameters"]["iwan4"]
+    k_t, f_s, chi, beta = (stated[name] for name in ("k_t", "f_s", "chi", "beta"))
+    largest = f_s * (1 + beta) / (k_t * (beta + (chi + 1) / (chi + 2)))  # Segalman (2005)
+    lost = k_t * (1e-3 / largest) ** (1 + chi) / ((1 + beta) * (2 + chi))
+    law = {"iwan_stiffness": k_t, "iwan_loss": lost, "iwan_chi": chi, "iwan_beta": beta}
+    mode = {name: stated[name] for name in ("omega_n", "zeta")}
+    tree = a_tree(same({**mode, **law}), seen=[a_test(0.1)], y_peak=1e-3)
+    tree.attrs["laws"] = json.dumps(["iwan4"])
+    sentences = jbw.warnings_of(Study(tree, {}).resonance([1.0 / GAIN], draws=4))
+    assert any("macroslip" in sentence for sentence in sentences)
+
+
+def test_a_branch_that_a_sweep_does_not_reach_is_said():
+    seen = SeenResponse("velocity", "m/s", 1.0, "N")
+    (sentence,) = _isolated([np.array([0.0, 1.0]), np.zeros(2)], 2.0, seen)
+    assert "25 %" in sentence
+    assert not _isolated([np.zeros(2)], 2.0, seen)
 
 
 def test_a_band_that_cannot_be_stated_is_withheld(monkeypatch):
@@ -245,9 +272,9 @@ def test_decays_determine_no_gain():
         study_of(draws).resonance([0.1], draws=4)
 
 
-def test_several_modes_are_refused():
+def test_a_further_mode_needs_its_gain():
     draws = {**same(JOINT), "omega_2": np.full(4, 200.0), "zeta_2": np.full(4, 0.01)}
-    with pytest.raises(ModelError, match="one mode"):
+    with pytest.raises(DataError, match="gain_ratio_2"):
         study_of(draws).resonance([0.1], draws=4)
 
 

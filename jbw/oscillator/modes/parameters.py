@@ -118,6 +118,20 @@ def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscill
     return tuple(oscillators)
 
 
+def modal_structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
+    """Return the structure of several modes; uncoupled modes have a joint with laws each."""
+    apart = modes_apart(theta, laws)
+    if apart is None:
+        return structure_of(theta, laws)
+    omega_n, zeta = (
+        jnp.stack([one.omega_n for one in apart]),
+        jnp.stack([one.zeta for one in apart]),
+    )
+    own = jnp.eye(len(apart))
+    b = jnp.stack([jnp.asarray(ratio, float) for ratio in gain_ratios(theta)])
+    return Structure(omega_n, zeta, own, own, b, jnp.ones_like(b), [one.laws for one in apart])
+
+
 def gain_ratios(theta: Mapping[str, Any]) -> list[Any]:
     """Return the ratio of every mode's gain to that of the first mode."""
     return [1.0, *(theta[names.ratio] for names in NAMES if names.omega in theta)]

@@ -284,6 +284,13 @@ def base_beside_others(others: str) -> str:
     )
 
 
+BASE_WITHOUT_MASS = (
+    "[[test]] channels: tests with `base` and tests driven by a force need the modal mass, which "
+    "relates their gains. Put under [campaign]: `modal_mass = 1.0`, with the mass in kg, or make a "
+    "separate campaign of each."
+)
+
+
 def joint_twice(table: str, count: int) -> str:
     """Return the message that several joints have the same name."""
     return f"{table} name: must be unique, but {count} joints have it."

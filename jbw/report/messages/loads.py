@@ -48,6 +48,34 @@ def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: boo
         )
 
 
+def threshold_beyond(what: str, mechanism: str, y: float, rests: str) -> str:
+    """Return the warning that a load begins a mechanism of the law that no fitted test reached."""
+    return (
+        f"{what} moves the joint beyond {y:.3g} m, where {mechanism} begins. No fitted test "
+        f"reached this displacement, so that {rests} may follow from the prior alone. Add a test "
+        "of that level to the campaign and identify again."
+    )
+
+
+def isolated(what: str, share: float) -> str:
+    """Return the warning that response curves have a branch that is not connected to the rest."""
+    return (
+        f"{what} has a second branch of larger motion in {100 * share:.3g} % of the draws, which a "
+        "slow sweep from rest does not reach but a shock may. The prediction is that of the main "
+        "branch. Stay below this level, or follow both by `jbw.steady_state`."
+    )
+
+
+def internal_resonance(what: str, own_hz: float, other_hz: float) -> str:
+    """Return the warning that the harmonics of a mode's motion also move another mode."""
+    return (
+        f"{what} moves the mode at {own_hz:.4g} Hz, whose harmonics also move the mode at "
+        f"{other_hz:.4g} Hz, near an odd multiple. The prediction balances all modes with 8 "
+        "harmonics and follows one branch. Check one draw for further branches by "
+        "`jbw.response_curve`, with the structure `jax.tree.map(lambda x: x[0], study.joints())`."
+    )
+
+
 def units_of_resonance(unit: str, name: str) -> dict[str, dict[str, str]]:
     """Return the attributes (unit and long name) of the variables of a resonance."""
     return {
@@ -68,6 +96,7 @@ def units_of_random(unit: str, name: str) -> dict[str, dict[str, str]]:
     """Return the attributes (unit and long name) of the variables of a random response."""
     return {
         "rms": {"units": unit, "long_name": f"rms {name}"},
+        "sine": {"units": unit, "long_name": f"amplitude of the {name} at the sine"},
         "displacement": {**METRE, "long_name": "rms displacement"},
         "largest_displacement": {**METRE, "long_name": "largest displacement"},
         "peak_factor": {**NUMBER, "long_name": "largest displacement / its rms"},
@@ -83,6 +112,14 @@ LOADS_OR_TESTS = (
 )
 BASE_NEEDS = "Option --base needs a load: --response, --psd or --shock."
 RESPONSE_NEEDS = "Option --response needs --level, and --notch needs --response and --level."
+
+
+SINE_NEEDS = "Option --sine needs --psd, the random profile beside the sine."
+
+
+def no_sine(text: str) -> str:
+    """Return the message that a text is not a sine's frequency and amplitude."""
+    return f"A sine must be one frequency [Hz] and one amplitude, such as 30:2g, not {text!r}."
 
 
 def no_quantity(text: str) -> str:
