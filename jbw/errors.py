@@ -28,7 +28,7 @@ class JbwError(Exception):
         ...     print(error.remedy)
         ...     print(error.exit_code)
         Campaign file `campaign.toml` does not exist.
-        Write one with: jbw init FOLDER
+        Write a campaign file with: jbw init FOLDER
         2
     """
 
@@ -112,7 +112,7 @@ class RunError(JbwError, RuntimeError):
         Traceback (most recent call last):
             ...
         jbw.errors.RunError: Folder beam must be new or empty, but contains a campaign.
-        Choose another folder, or remove this one.
+        Choose another folder, or remove beam.
     """
 
     exit_code = 1

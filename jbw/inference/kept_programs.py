@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from functools import partial, wraps
+from functools import partial, update_wrapper
 from importlib.metadata import version
 from threading import Lock
 from typing import Any
@@ -44,34 +44,43 @@ def keep_programs() -> None:
     _Kept.on = True
 
 
-def kept_program[**P, R](function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function as `equinox.filter_jit` does; use its kept program if there is one.
+class KeptProgram[**P, R]:
+    """A function that is compiled as by `equinox.filter_jit`, or found among the kept programs.
 
     Programs are kept in processes that called `keep_programs`. A function with an argument that
     another process cannot identify, such as a closure, is traced in each process.
     """
-    compiled = eqx.filter_jit(function)
-    programs: dict[Any, Callable[..., R] | None] = {}
-    lock = Lock()
 
-    @wraps(function)
-    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+    def __init__(self, function: Callable[P, R]) -> None:
+        self._function, self._compiled = function, eqx.filter_jit(function)
+        self._programs: dict[Any, Callable[..., R] | None] = {}
+        self._lock = Lock()
+        update_wrapper(self, function)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Call the function by its program."""
         if not _Kept.on:
-            return compiled(*args, **kwargs)
+            return self._compiled(*args, **kwargs)
         leaves, tree = jax.tree.flatten((args, kwargs))
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]
         if any(isinstance(leaf, Tracer) for leaf in arrays):
-            return compiled(*args, **kwargs)
+            return self._compiled(*args, **kwargs)
         fixed = tuple((type(leaf), leaf) for leaf in leaves if not eqx.is_array(leaf))
         key = tree, fixed, tuple(map(_form, arrays))
-        if key not in programs:
-            with lock:
-                if key not in programs:
-                    programs[key] = _program(function, (args, kwargs), arrays)
-        program = programs[key]
-        return compiled(*args, **kwargs) if program is None else program(*arrays)
+        if key not in self._programs:
+            with self._lock:
+                if key not in self._programs:
+                    self._programs[key] = _program(self._function, (args, kwargs), arrays)
+        program = self._programs[key]
+        return self._compiled(*args, **kwargs) if program is None else program(*arrays)
 
-    return call
+    def forget(self) -> None:
+        """Release the compiled programs of this process."""
+        self._programs.clear()
+        # where Equinox stores the compiled function
+        clear = getattr(getattr(self._compiled, "_cached", None), "clear_cache", None)
+        if clear is not None:
+            clear()
 
 
 def _program[R](

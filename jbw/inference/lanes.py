@@ -13,7 +13,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from jbw.inference.kept_programs import kept_program
+from jbw.inference.kept_programs import KeptProgram
 
 LANES = 32  # number of parameter points in one compiled batch
 # number of points in a batch of a fit: enough for two-sided differences of seven parameters
@@ -102,12 +102,12 @@ def at_points(
     return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *lot_values)
 
 
-@kept_program
+@KeptProgram
 def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree) -> PyTree:
     return jax.vmap(lambda point: function(point, data))(dict(theta))
 
 
-@kept_program
+@KeptProgram
 def _rest(
     function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
 ) -> PyTree:
@@ -225,10 +225,8 @@ def forget() -> None:
 
     Functions that are needed again are compiled again, or read from the user's cache.
     """
-    compiled = getattr(_values, "_cached", None)  # where Equinox stores the compiled function
-    clear = getattr(compiled, "clear_cache", None)
-    if clear is not None:
-        clear()
+    _values.forget()
+    _rest.forget()
 
 
 def num_cores() -> int:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.inference.groups.offsets import Estimate
-from jbw.inference.kept_programs import kept_program
+from jbw.inference.kept_programs import KeptProgram
 from jbw.inference.lanes import FIT_LANES
 from jbw.measurement.readings.statement import curve_of
 from jbw.measurement.resonances import AmplitudeCurve
@@ -231,7 +231,7 @@ def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
     return _logarithm(jax.lax.complex(parts[0], parts[1]), data)
 
 
-@kept_program
+@KeptProgram
 def _decays_of(
     theta: Mapping[str, Float[Array, " point"]], data: Envelopes
 ) -> Complex[Array, "point step"]:

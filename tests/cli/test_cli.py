@@ -198,7 +198,7 @@ def test_a_command_returns_its_exit_code(monkeypatch):
 )
 def test_every_failure_ends_with_the_next_command(arguments, following):
     assert next_command(arguments, "What is wrong.") == following
-    assert next_command(arguments, "Write one with: jbw init FOLDER") is None
+    assert next_command(arguments, "Write a campaign file with: jbw init FOLDER") is None
 
 
 def test_with_json_an_error_is_json_too(capsys, tmp_path):

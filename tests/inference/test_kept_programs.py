@@ -15,7 +15,7 @@ import pytest
 
 import jbw
 from jbw.inference import kept_programs
-from jbw.inference.kept_programs import kept_program
+from jbw.inference.kept_programs import KeptProgram
 from jbw.paper.kernels import h1
 
 OMEGA = jnp.linspace(1.0, 3.0, 5)
@@ -40,18 +40,18 @@ def refuse(*_):
 
 
 def test_a_kept_program_is_found_without_tracing(folder, monkeypatch):
-    first = kept_program(h1)(OMEGA, 2.0, 0.1)
+    first = KeptProgram(h1)(OMEGA, 2.0, 0.1)
     assert len(list(folder.iterdir())) == 1
     assert folder.stat().st_mode & 0o777 == 0o700
     monkeypatch.setattr(jax.export, "export", refuse)
-    again = kept_program(h1)(OMEGA, 2.0, 0.1)  # a new wrapper knows no program, as a new process
+    again = KeptProgram(h1)(OMEGA, 2.0, 0.1)  # a new wrapper knows no program, as a new process
     np.testing.assert_array_equal(again, first)
     np.testing.assert_allclose(first, expected(2.0, 0.1), rtol=1e-14)  # some rounding errors
 
 
 @pytest.mark.parametrize("values", [(2.0, 0.2), (3, 0.1), (2, 0.1)])
 def test_each_value_that_is_no_array_has_its_own_program(folder, values):
-    response = kept_program(h1)
+    response = KeptProgram(h1)
     response(OMEGA, 2.0, 0.1)
     np.testing.assert_allclose(response(OMEGA, *values), expected(*values), rtol=1e-14)
     assert len(list(folder.iterdir())) == 2
@@ -59,7 +59,7 @@ def test_each_value_that_is_no_array_has_its_own_program(folder, values):
 
 def test_a_function_of_another_package_is_traced_in_each_process(folder):
     for factor in (2.0, 3.0):
-        applied = kept_program(_applied)(lambda x, factor=factor: factor * x, OMEGA)
+        applied = KeptProgram(_applied)(lambda x, factor=factor: factor * x, OMEGA)
         np.testing.assert_array_equal(applied, factor * OMEGA)
     assert not folder.exists()
 
@@ -69,22 +69,22 @@ def _applied(function, x):
 
 
 def test_a_damaged_program_is_compiled_again_with_one_warning(folder):
-    kept_program(h1)(OMEGA, 2.0, 0.1)
+    KeptProgram(h1)(OMEGA, 2.0, 0.1)
     (path,) = folder.iterdir()
     sound = path.read_bytes()
     path.write_bytes(sound[:-1] + bytes([sound[-1] ^ 1]))
     with pytest.warns(UserWarning, match="is damaged") as warned:
-        again = kept_program(h1)(OMEGA, 2.0, 0.1)
+        again = KeptProgram(h1)(OMEGA, 2.0, 0.1)
     assert len(warned) == 1
     np.testing.assert_allclose(again, expected(2.0, 0.1), rtol=1e-14)
     with warnings.catch_warnings():
         warnings.simplefilter("error")  # The damaged file was replaced.
-        kept_program(h1)(OMEGA, 2.0, 0.1)
+        KeptProgram(h1)(OMEGA, 2.0, 0.1)
 
 
 @pytest.mark.usefixtures("folder")
 def test_derivatives_pass_through_a_kept_function():
-    response = kept_program(h1)
+    response = KeptProgram(h1)
 
     def real(omega_n):
         return jnp.real(response(OMEGA[0], omega_n, 0.0))
@@ -94,14 +94,14 @@ def test_derivatives_pass_through_a_kept_function():
 
 def test_nothing_is_kept_unless_a_command_asks(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    kept_program(h1)(OMEGA, 2.0, 0.1)
+    KeptProgram(h1)(OMEGA, 2.0, 0.1)
     assert not list(tmp_path.iterdir())
 
 
 PROBE = """
-from jbw.inference.kept_programs import kept_program
+from jbw.inference.kept_programs import KeptProgram
 
-@kept_program
+@KeptProgram
 def probe(x):
     return {factor} * x
 """

@@ -51,8 +51,12 @@ def test_a_second_mode_lies_on_its_own_side_of_the_first():
 
 def test_a_line_has_its_size_before_the_filter_of_the_band():
     """A filter that passes 0.8 of the mode and 0.4 of the line shows half of the line's share."""
-    fits = sweep((0.5, 0.0, 0.0, 0.0), passed=lambda turn: 0.4 if turn else 0.8)
-    assert UndecayingLine().share(np.array([0.3, 0.4]), fits) == pytest.approx(1.0, rel=1e-14)
+    passed = {"passed": lambda turn: 0.4 if turn else 0.8}
+    inside, outside = (sweep((0.5, 0, 0, 0), half_width_hz=hz, **passed) for hz in (1.0, 0.01))
+    values = np.array([0.3, 0.4])  # 0.3 turns in 10 s: 0.03 Hz above the centre
+    assert UndecayingLine().share(values, inside) == pytest.approx(1.0, rel=1e-14)
+    # A line outside the band counts with what the filter leaves of it.
+    assert UndecayingLine().share(values, outside) == pytest.approx(0.5, rel=1e-14)
 
 
 @pytest.mark.parametrize("tau", [3.0, 8.0])

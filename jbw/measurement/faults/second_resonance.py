@@ -29,6 +29,7 @@ from jbw.measurement.resonances import HALF_WIDTHS, WIDE, driven_band, driven_li
 from jbw.report.messages import decay_faults as messages
 
 ROUNDS = 6  # number of weighted fits
+FEWEST = 36  # number of lines, three times that of the parameters of two modes
 EXPLAINS = 0.25  # largest fraction of the residual sum of squares that remains with two modes
 LEAST = 0.02  # smallest residual that a second mode explains, relative to the response
 # A mode whose decay would last this many times the record is a steady line.
@@ -49,12 +50,16 @@ def second_resonance(
     """Yield a warning if two modes, or a mode and a steady line, explain a resonance better."""
     try:
         lines = driven_lines(record, band_hz)
+        if not np.all(np.isfinite(lines.y)) or not np.any(lines.y):
+            return
         first = read_lines(lines)
     except DataError:  # The record has no resonance that could be read.
         return
     centre = 2 * np.pi * first.frequency_hz
     half = max(WIDE, 2 * HALF_WIDTHS * abs(first.damping)) * centre
     near = np.abs(lines.omega - centre) < half
+    if np.count_nonzero(near) < FEWEST:
+        return
     omega, source = lines.omega[near], lines.source[near]
     y = lines.y[near] * np.exp(1j * omega * delay_s)
     one, two = (_fitted(omega, source, y, modes) for modes in (1, 2))
