@@ -121,10 +121,10 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
 
 
 def _unpassed(fits: SweepFits, record: Record) -> Iterator[Fault]:
-    """Yield a warning if a sweep ends more than half a half-power width before the resonance."""
-    hz, half_width = first_hz(fits), damping_rate(fits) / (2 * np.pi)
+    """Yield a warning if a sweep ends more than two half-power widths before the resonance."""
+    hz, reach = first_hz(fits), 4 * damping_rate(fits) / (2 * np.pi)
     low, high = (float(end) / (2 * np.pi) for end in np.quantile(fits.signal.rate, [0, 1]))
-    if not low - half_width < hz < high + half_width:
+    if not low - reach < hz < high + reach:
         yield doubt(record.response, *messages.unpassed(low, high, hz))
 
 
