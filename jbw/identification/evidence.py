@@ -81,7 +81,7 @@ class Candidate:
 
     laws: Laws
     fitted: Fitted
-    meet: str = ""  # how the modes share joints; empty if they do so as the campaign states
+    meet: str = ""  # way in which modes share joints, a key of MEET; empty for the campaign's way
 
     @property
     def name(self) -> str:

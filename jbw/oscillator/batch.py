@@ -91,11 +91,11 @@ class _Piece(NamedTuple):
 
 
 class _Lanes(NamedTuple):
-    """The values that differ in a batch of oscillators: joint, input gain, coefficients of rows."""
+    """The values that differ between the oscillators of a batch: joint, input gain, and all a_k."""
 
     joints: Oscillator
     gain: Float[Any, " lane"]  # gain of the input
-    # coefficients of the rows J that are subtracted from the residual
+    # coefficients a_k of the rows J_k that are subtracted from the residual
     parts: Float[Any, "lane direction"]
 
 

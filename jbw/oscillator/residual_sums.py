@@ -48,7 +48,7 @@ class Compared(eqx.Module):
 
 
 class Sums(NamedTuple):
-    """Sums of squared residuals and of products with rows, and the largest response."""
+    """The sum Q of squared residuals, the sums s_k with weights R_k, and the peak response p."""
 
     square: Float[Array, "..."]
     along: Float[Array, "... row"]

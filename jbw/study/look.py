@@ -122,7 +122,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
             held = [kept for one in read if (kept := _holding(one)) is not None]
             count, num = (sum(len(one.rows) for one in some) for some in (held, read))
             if count < num:
-                left_out = f"{num - count} of {num} readings of {name}"
+                left_out = f"{num - count} of {num} readings of {name} (left out)"
                 unread[left_out] = NO_OSCILLATOR
             if not held:
                 continue

@@ -149,7 +149,7 @@ def third_order_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample zeta, alpha and delta from the kernel by NUTS and by two random walks (Step 3).
+    """Sample zeta, alpha and delta given the third-order kernel: NUTS, two random walks (Step 3).
 
     NUTS and the tuned walk use coordinates along the ridge alpha*delta, from wall to wall of the
     box, with the noise integrated out. The walk of Teloli et al. uses the box itself, with the

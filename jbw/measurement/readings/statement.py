@@ -258,7 +258,11 @@ def _at(values: Reals, r: float) -> float:
 
 
 def _turn(b: Reals, covariance: Reals, low: float) -> float | None:
-    """Return the relative amplitude of a parabola's clear turning point; None if it has none."""
+    """Return where a parabola turns, relative to the largest amplitude; None if not certain.
+
+    The value at the turning point must differ from the values at both ends by `SURE` standard
+    deviations.
+    """
     if b[1] == 0.0 or not low < (at := float(-b[0] / (2 * b[1]))) < 1.0:
         return None
     for end in (low, 1.0):

@@ -192,7 +192,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
 
 
 def _real_gain(gain: complex) -> float:
-    """Return the real part of a gain; NaN if the phase is neither that of a force nor its opposite.
+    """Return the real part of a gain; NaN if its phase is over 31 degrees away from 0 and from 180.
 
     A lag or an error of a clock turns the phase, so that the gain has no sign.
     """

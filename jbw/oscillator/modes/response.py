@@ -79,13 +79,13 @@ class StructureResponse(eqx.Module):
 
 
 class ModalOptions(NamedTuple):
-    """The options of `simulate` for several modes; `exact_step` if jbw's own step is allowed."""
+    """The options of `simulate` for a structure of several modes."""
 
     hold: Hold
     substeps: int
     periodic: bool
     num_samples: int | None
-    exact_step: bool
+    exact_step: bool  # whether jbw's own exact time step may replace the standard solver
     solver: AbstractSolver
     controller: AbstractStepSizeController
 
