@@ -83,7 +83,7 @@ ATTACHED = tuple(
     for drive, (mark, gain) in FED.items()
     for quantity in OSCILLATOR
 )  # fmt: skip
-# A base that moves drives the same structure as a force, with the gain alone of its own.
+# A moving base drives the same structure as a force does; only the gain is a separate parameter.
 BASE_GAIN = Quantity("gain_base", "gainᵇ", "1", "participation in the motion of the base")
 ATTACHED = (*ATTACHED, BASE_GAIN)
 LINEAR = (*OSCILLATOR, *ATTACHED)

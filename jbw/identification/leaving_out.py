@@ -80,8 +80,8 @@ FEWEST = 3  # smallest number of records for which their variation is computed
 BY_CHANCE = 0.01  # probability of so large a variation by chance, if records agree
 MATTERS = 1.2  # The variation is not reported if it widens the interval by less than this factor.
 REACH = float(stats.norm.isf(0.005))  # half-width of a 99 % interval in standard deviations
-# Separate joints are clearly better if a common joint makes a mode's error this many times as
-# large.
+# Separate joints are clearly better than a common joint if, with the common joint, a mode's error
+# is this many times the error with a separate joint.
 CLEARLY = 1.25
 
 

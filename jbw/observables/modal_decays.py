@@ -58,7 +58,7 @@ FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
 
 class Start(NamedTuple):
-    """The unknowns of a record: q_i, q_i' divided by the frequencies [m], and a shift [rad/s]."""
+    """The unknowns of a record: first q_i and q_i' / omega_i [m], and a frequency shift [rad/s]."""
 
     state: Float[Array, "*record coordinate"]
     shift: Float[Array, "*record"]

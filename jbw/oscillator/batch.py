@@ -82,7 +82,7 @@ class _Totals(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """One piece of a record, padded with zeros: rows for its samples, rows for its intervals."""
+    """One piece of a record, as arrays over samples or sample intervals, padded with zeros."""
 
     polynomials: Float[Array, "interval power"]
     samples: Float[Array, " sample"]
@@ -279,7 +279,7 @@ def _starts(num_samples: int) -> range:
 
 
 def _filled(rows: np.ndarray, size: int) -> Array:
-    """Return the rows on the device, padded with zeros to `size`."""
+    """Return an array on the device, padded with zeros to `size` along its first axis."""
     filled = np.zeros((size, *rows.shape[1:]))
     filled[: len(rows)] = rows
     return jax.device_put(filled)

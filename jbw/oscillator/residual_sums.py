@@ -26,9 +26,9 @@ from jbw.oscillator.step import State
 
 
 class Compared(eqx.Module):
-    """A measured response, with rows on which the difference from the simulation is projected.
+    """A measured response, and weights R_k for sums over its difference from the simulation.
 
-    All rows begin at the first compared sample.
+    All rows of weights begin at the first compared sample.
 
     Attributes:
         measured: Measured response d [m, m/s or m/s^2].
@@ -55,7 +55,7 @@ class Sums(NamedTuple):
     peak: Float[Array, "..."]
 
 
-# The arguments of the time loop that sums a record's residual; the third are the input's samples.
+# arguments of the time loop: solver steps, joint, samples of the input, and measured response
 Task = tuple[Stepping, Oscillator, Float[Array, " time"], Compared]
 
 

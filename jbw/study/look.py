@@ -72,11 +72,11 @@ MEANING = {
     "frequency_sd": "standard deviation of frequency",
     "damping_sd": "standard deviation of damping",
 }  # fmt: skip
-# Relative change of secant stiffness during equal cycles; the test rig alone causes smaller
-# changes.
+# Relative change of secant stiffness during equal cycles. The test rig alone causes changes below
+# this.
 WORN = 0.02
-# Change of frequency relative to the half width, or of damping relative to itself; noise in a clear
-# resonance causes smaller changes.
+# Change of frequency divided by the half width of the resonance, or relative change of damping.
+# Noise in a clear resonance causes changes below this.
 CLEAR = 0.2
 # probability below which offsets of records are not random but depend on their order or run
 RISES = 1e-3

@@ -118,14 +118,14 @@ class AmplitudeTrend(NamedTuple):
 
 
 class _RowsOfRecords(NamedTuple):
-    """The values of all records relative to a mean: relative amplitude, value, covariance."""
+    """The values of all records: amplitude / largest amplitude, value / mean value, covariance."""
 
     r: Reals
     value: Reals
     blocks: tuple[Float[np.ndarray, "row row"], ...]
 
     def split(self, values: Reals) -> list[Reals]:
-        """Return values of all rows, split by record."""
+        """Split an array of all records' values into one array per record."""
         return np.split(values, np.cumsum([len(block) for block in self.blocks])[:-1])
 
 

@@ -262,7 +262,7 @@ def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> _Rows:
 
 
 def _mean(rows: list[_Rows], weights: list[float]) -> _Rows:
-    """Return the weighted mean of rows, with the covariances within and between them."""
+    """Return the weighted mean of several fits' values; include the covariance between fits."""
 
     def mean(values: Sequence[Reals]) -> Reals:
         return np.tensordot(weights, np.stack(values), 1)

@@ -196,7 +196,7 @@ Solved = tuple[Trajectory, Callable[[Structure], Array]]
 
 
 def _stepped(options: ModalOptions, steps: ModalStepping, initial: ModalState) -> Solved:
-    """Return a motion by jbw's own exact step."""
+    """Simulate the motion by jbw's exact time step; return the states at the samples."""
     states, kicks = modal_solve(steps, initial)
     samples = jax.tree.map(lambda x: x[:: options.substeps], states)
     return (samples, lambda structure: work_of_joints(structure, steps, states, kicks))
