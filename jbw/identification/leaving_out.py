@@ -71,8 +71,8 @@ FitsWithout = Mapping[tuple[str, ...], HeldOut]
 # Runs contradict each other if a parameter changes by this many standard deviations when one of
 # them is omitted.
 MOVES = 4.0
-# A parameter depends on a test if its standard deviation without the test is this many times as
-# large.
+# A parameter depends on a test if its standard deviation from a fit without the test is this many
+# times the standard deviation from the fit to all tests.
 WIDER = 5.0
 # A parameter's change is tested if the omitted run reduces its variance by at least this fraction.
 LEAST_GAIN = 0.01

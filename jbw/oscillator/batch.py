@@ -29,7 +29,7 @@ from jbw.oscillator.residual_sums import response_of
 from jbw.oscillator.solver import Stepping
 from jbw.oscillator.step import State, advance, exact_step
 
-LANES = 32  # number of oscillators in a batch; a smaller batch takes just as long
+LANES = 32  # number of oscillators in a batch; a smaller batch takes as long as a full one
 INTERVALS = 4096  # sample intervals per piece of a record, few enough for the cache
 # A batch fills the processor's widest registers; XLA's own choice is half as wide.
 WIDE = {"xla_cpu_prefer_vector_width": 512}

@@ -84,7 +84,8 @@ def _sums(substeps: int, task: Task) -> Sums:
     stepping, joint, force, compared = task
     rest = _at_rest(joint)
     none = jnp.zeros(())
-    # The rows are passed one by one, because the loop would otherwise slice an array in every step.
+    # Directions and weights are passed as tuples of arrays, because the loop would otherwise slice
+    # an array in every step.
     compared = eqx.tree_at(
         lambda compared: (compared.directions, compared.rows, compared.parts),
         compared,

@@ -319,7 +319,7 @@ def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None
     if not beyond.size:
         return None
     j = beyond[0]
-    if j == 0:  # The profile of another parameter has found a better fit.
+    if j == 0:  # The profile of another parameter has found a better fit than the optimum.
         return float(s[0])
     if not np.isfinite(root[j]):  # The model has no solution at this point.
         return float(s[j])

@@ -48,7 +48,7 @@ ODDS = 1e-4
 # smallest relevant change of zeta, or of the relative frequency, divided by zeta
 LEAST_CHANGE = 5e-3
 SURE = 3.0  # number of standard deviations by which a change must differ from zero
-# tangent of 31 degrees: if the phase of a gain is larger, the sign of the gain is not known
+# tangent of 31 degrees: beyond this phase, the sign of a gain is not known
 MOST_TURNED = 0.6
 
 Square = Float[np.ndarray, "row row"]
