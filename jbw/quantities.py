@@ -83,14 +83,15 @@ ATTACHED = tuple(
     for drive, (mark, gain) in FED.items()
     for quantity in OSCILLATOR
 )  # fmt: skip
-# A base that moves drives the same structure as a force, with the gain alone of its own.
+# A moving base drives the same structure as a force does; only the gain is a separate parameter.
 BASE_GAIN = Quantity("gain_base", "gainᵇ", "1", "participation in the motion of the base")
 ATTACHED = (*ATTACHED, BASE_GAIN)
 LINEAR = (*OSCILLATOR, *ATTACHED)
 GAINS = frozenset(row.name for row in LINEAR if row.name.startswith("gain"))  # gains of the sources
 
-# Contributions of other modes to a response, per force and unit mass of the joint's own mode: two
-# constants for modes outside a band, and linear neighbours within the band.
+# Contributions of other modes to a response, divided by the force per unit mass that drives the
+# joint's own mode. Two constants represent all modes outside the band. Each mode within the band
+# (a neighbour) is linear and has a frequency, a damping ratio and a relative gain.
 CONSTANT_TERMS = (
     Quantity("residual_upper", "U", "s^2", "static response of the modes above the band"),
     Quantity("residual_lower", "L", "1", "response times omega^2 of the modes below the band"),

@@ -164,7 +164,7 @@ def checked[Found: FileTable](
 
 
 def _lines(model: type[FileTable], error: ErrorDetails) -> Iterator[str]:
-    """Yield the sentences on one error of a table, each with the key concerned."""
+    """Yield the sentences on one validation error of a TOML table; each names the table's key."""
     key, *inner = [str(part) for part in error["loc"] if isinstance(part, str)] or [""]
     # If an error concerns a whole table, the text of the error may already begin with a key.
     names = f" {': '.join([key, *inner])}: " if key else ""

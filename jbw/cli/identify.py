@@ -341,7 +341,7 @@ def _all_of(summary: "RunSummary") -> Iterator[Table | Text | str]:
 
 
 def short_lines(summary: "RunSummary", tree: Any) -> Iterator[Text | str]:
-    """Yield a run's law, verdict, determined parameters and five opening sentences."""
+    """Yield a run's law, verdict, split of tests, parameters and its report's opening sentences."""
     from jbw.report.opening import known_parameters, opening, split_sentence
     from jbw.report.result import laws_of
     from jbw.report.words import law_words

@@ -30,7 +30,7 @@ from jbw.report.messages.remedies import OTHER_LAWS, beside_other_laws
 # largest shift of a posterior mean by the solver's error, in posterior standard deviations
 SHIFT = 0.1
 NUM_DRAWS = 32
-CLOSE = 0.05  # A law is still rated usable if no test has a larger relative error.
+CLOSE = 0.05  # A law is still rated usable if no test's relative error exceeds this.
 # codes of the findings whose status is changed if the error is below CLOSE
 OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")
 MOST_BEYOND = 1.5  # largest relative error of held-out tests, divided by that of the fitted tests

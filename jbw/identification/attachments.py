@@ -31,7 +31,7 @@ SHARE, SHARE_OF_RESPONSE = 0.3, 0.6
 # smallest relative standard deviation of the predicted omega_n and zeta
 LEAST_OMEGA, LEAST_ZETA = 2e-4, 0.02
 MOST_MODES = (1, 2, 3)  # numbers of modes that are tried in this order for the fit in a band
-# If the ratio of armature mass to modal mass is larger, the change of the joint's share of the
+# If the ratio of armature mass to modal mass exceeds this, the change of the joint's share of the
 # stiffness matters.
 HEAVY = 0.03
 

@@ -75,8 +75,8 @@ def _misfit(best: Fit, data: Dataset) -> Misfit:
         for part in data.parts
         for label, spectrum in part.shown().spectra(residuals).items()
     }
-    # Each row depends on the offset of only one drive, so that the drives' columns can be added to
-    # one column.
+    # Each residual depends on the offset of only one drive, so that the drives' columns can be
+    # added to one column.
     of_offset: dict[str, Any] = {}
     for name, x in zip(best.theta, best.jacobian.T, strict=True):
         if plain(name) in OFFSETS:

@@ -322,7 +322,7 @@ def difference_of_joints(checked: CheckedPosterior) -> Outcome:
 
 
 def joint_of_each_mode(checked: CheckedPosterior) -> Outcome:
-    """Return the statements on whether each mode fits better with a separate joint."""
+    """Return statements on whether a separate joint fits each mode better than a common joint."""
     sentences = own_joint_sentences(checked.key, checked.fitted.fit, checked.data)
     return Outcome(statements=tuple(sentences))
 
@@ -419,7 +419,7 @@ def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
 
 
 def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
-    """Return the finding that hysteresis is absent or that drag fits as well, or else None."""
+    """Return the finding that hysteresis is absent or fits no better than drag, or else None."""
     finding = hysteresis_finding(added, ready.y_peak, ready.data.laws, misses=misses)
     return finding or seen_drag(added, ready, misses=misses)
 

@@ -80,8 +80,8 @@ class AtAmplitude(NamedTuple):
 
     frequency: float  # error of the law in natural frequency: relative standard deviation [-]
     damping: float  # error of the law in damping ratio: standard deviation [-]
-    share: float  # factor on the remaining error of the response
-    # factor on the additional error of the response beyond the fitted amplitudes
+    share: float  # factor on the response error that frequency and damping shifts do not explain
+    # factor on the whole error of the response, which is added beyond the fitted amplitudes
     beyond: float = 0.0
 
 

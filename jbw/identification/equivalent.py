@@ -24,7 +24,7 @@ from jbw.report.messages import effects as messages
 
 NUM_DRAWS = 200
 DAMPING = "quadratic_damping"  # law with damping and without hysteresis
-# An effect is determined if the half width of its interval is a smaller fraction of its value.
+# An effect is determined if the half width of its interval / its value is below this.
 KNOWN = 0.2
 # amplitudes at which the chains' responses are compared, relative to the largest fitted amplitude
 SHARES = (0.1, 0.3, 1.0)

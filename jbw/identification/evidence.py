@@ -57,8 +57,8 @@ from jbw.results.attributes import DrawnPosterior
 
 Laws = tuple[str, ...]
 
-NUM_SAMPLES = 250  # number of draws per group (of four)
-# largest number of rounds of points for the evidence of laws that fit badly
+NUM_SAMPLES = 250  # number of draws in each of four independent groups of draws
+# largest number of rounds of weighted points for the evidence of laws that fit badly
 MOST_ROUNDS = 24
 # A parameter is at a bound if it is closer to the bound than this fraction of the prior's width.
 AT_BOUND = 1e-3
@@ -72,7 +72,7 @@ MOST_TURNS = 2
 # A law is hopeless, that is, it does not fit at all, if its largest likelihood is this many nats
 # below that of the best law and its error is this many times that of the best law.
 FAR_BELOW, FAR_OFF = 100.0, 2.0
-FEW_DRAWS = 50  # number of draws per group about the fit of a hopeless law
+FEW_DRAWS = 50  # number of draws in each group of draws from a hopeless law's fit
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Candidate:
 
     laws: Laws
     fitted: Fitted
-    meet: str = ""  # how the modes share joints; empty if they do so as the campaign states
+    meet: str = ""  # way in which modes share joints, a key of MEET; empty for the campaign's way
 
     @property
     def name(self) -> str:

@@ -42,7 +42,7 @@ from jbw.report.messages import stages as messages
 under_way = logging.getLogger("jbw.progress")
 ROUGH = 1e-6  # relative tolerance of the sum of squares and of the step in preliminary fits
 # Two fits have reached the same minimum if the relative difference of their sums of squares is
-# smaller.
+# below this.
 SAME_COST = 10 * ROUGH
 # number of random points of the prior that are evaluated in addition to the starting point
 NUM_SCREENED = 255

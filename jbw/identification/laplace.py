@@ -238,7 +238,7 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
     columns = [[i for i, n in enumerate(prior.names) if plain(n) == name] for name in OFFSETS]
     if not (data.has_offsets and all(columns)):
         return [Gaussian(1.0, np.zeros(len(prior.names)), best.covariance)]
-    # With suppressed offsets, the rows are the plain residuals, computed by the program of the fit.
+    # With suppressed offsets, the program of the fit computes the residuals without run offsets.
     bare = replace(data, scatter=jax.device_put(NOTHING * np.asarray(data.scatter)))
     part = evaluator(dataset.stacked, prior, bare)
     width = np.asarray(prior.upper) - np.asarray(prior.lower)

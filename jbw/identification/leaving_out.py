@@ -71,8 +71,8 @@ FitsWithout = Mapping[tuple[str, ...], HeldOut]
 # Runs contradict each other if a parameter changes by this many standard deviations when one of
 # them is omitted.
 MOVES = 4.0
-# A parameter depends on a test if its standard deviation without the test is this many times as
-# large.
+# A parameter depends on a test if its standard deviation from a fit without the test is this many
+# times the standard deviation from the fit to all tests.
 WIDER = 5.0
 # A parameter's change is tested if the omitted run reduces its variance by at least this fraction.
 LEAST_GAIN = 0.01
@@ -80,8 +80,8 @@ FEWEST = 3  # smallest number of records for which their variation is computed
 BY_CHANCE = 0.01  # probability of so large a variation by chance, if records agree
 MATTERS = 1.2  # The variation is not reported if it widens the interval by less than this factor.
 REACH = float(stats.norm.isf(0.005))  # half-width of a 99 % interval in standard deviations
-# Separate joints are clearly better if a common joint makes a mode's error this many times as
-# large.
+# Separate joints are clearly better than a common joint if, with the common joint, a mode's error
+# is this many times the error with a separate joint.
 CLEARLY = 1.25
 
 

@@ -89,7 +89,8 @@ from jbw.observables.noise import fractions_counted, num_known, repeatability
 from jbw.observables.observable import OFFSETS
 from jbw.report.messages import discrepancy as messages
 
-# If the probability by chance is smaller, frequency shifts and residuals are errors of the law.
+# Frequency shifts and residuals are errors of the law if chance causes such large ones with a
+# probability below this.
 BY_CHANCE = 0.01
 NO_OFFSET = 1e-9  # factor that suppresses offsets between runs
 # Smallest number of fits without a run. With fewer, each fit has only one or two levels, and its

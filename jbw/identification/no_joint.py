@@ -35,9 +35,10 @@ from jbw.quantities import RESIDUAL_TERMS, STUCK
 # zero.
 FAR = 5.0
 NUM_DRAWS = 256
-# probability that chance alone improves a fit so much, for a structure without a joint
+# A larger model fits better than a simpler one if chance alone improves the fit as much with a
+# probability below this.
 BY_CHANCE = 0.01
-# If the ratio of relative frequency change to added damping is smaller, drag is fitted too. The
+# Drag is fitted too if the ratio of relative frequency change to added damping is below this. The
 # ratio is 1 for gamma = delta, and 3 pi / 4 for Masing's loops of a quadratic backbone.
 SOFTENS = 0.5
 ROOM = 8.0  # upper bound of the drag coefficient, relative to its starting value

@@ -186,10 +186,11 @@ def _joint(key: Key[Array, ""], seen: Measured, run_knowledge: Known, report: Re
     if run_knowledge.bounds:
         if set(run_knowledge.bounds) != set(prior.names):
             raise ConfigError(
-                f"The run sampled {', '.join(run_knowledge.bounds)}, but the campaign has the "
-                f"parameters {', '.join(prior.names)}.",
+                f"The run sampled the parameters {', '.join(run_knowledge.bounds)}, but the "
+                f"campaign has the parameters {', '.join(prior.names)}.",
                 why="The campaign is not that of the run, or was changed after the run.",
-                remedy="Give the run's campaign with --campaign, or compare on the campaign alone.",
+                remedy="Give the run's campaign file by --campaign, or a campaign file in place of "
+                "the run.",
             )
         lower, upper = zip(*(run_knowledge.bounds[name] for name in prior.names), strict=True)
         prior = Box(prior.names, jnp.asarray(lower), jnp.asarray(upper))

@@ -84,8 +84,8 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
 
     None if fewer than two runs determine their offsets.
     """
-    # Each row depends on one drive only, so that the sum over the drives is the derivative with
-    # respect to the run's offset.
+    # Each residual depends on one drive only, so that the sum over the drives is the derivative
+    # with respect to the run's offset.
     columns = [[i for i, n in enumerate(names) if plain(n) == name] for name in OFFSETS]
     if not all(columns):
         return None

@@ -27,7 +27,7 @@ from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_name
 from jbw.report.messages import modes as messages
 
-# probability that chance alone improves a fit so much, with modes that do not move the joint
+# A mode moves the joint if chance alone improves the fit as much with a probability below this.
 BY_CHANCE = 0.01
 BARE = ("", "none", "force", BASE)  # drives with which the shaker's dynamics do not matter
 ROUGH = 1e-6  # relative tolerance of the sum of squares and of the step, in fits with another sign

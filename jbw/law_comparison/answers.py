@@ -104,14 +104,14 @@ def _answer(row: StoredLaw, best: StoredLaw, *, by_runs: bool) -> str:
 
 
 def _behind_by_runs(row: StoredLaw, best: StoredLaw) -> bool:
-    """Return whether a law's score is lower by more than both scores' errors allow."""
+    """Return whether a law's score is below the best law's by more than both scores' errors."""
     off = _may_be_off(row) + _may_be_off(best)
     behind = -(row.elpd_difference or 0.0)
     return behind - off > APART * (row.elpd_difference_se or 0.0)
 
 
 def _behind_by_evidence(row: StoredLaw, best: StoredLaw) -> bool:
-    """Return whether a law's evidence is clearly lower, for both the usual and wider priors."""
+    """Return whether the best law's evidence is clearly higher, with both usual and wide priors."""
     if any(_is_rough(law, by_runs=False) for law in (row, best)):
         return False
     differences = (

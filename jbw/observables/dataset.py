@@ -116,7 +116,7 @@ class Dataset(eqx.Module):
 
     @property
     def layout(self) -> dict[str, int]:
-        """The length of each row of residuals by label, in the order of `stacked`."""
+        """The number of residuals of each data group by label, in the order of `stacked`."""
         rows = {label: part.groups.width for part in self.parts for label in part.groups.labels}
         stated = {_prior_key(name): 1 for name in self.stated.names}
         if not self.has_offsets:
@@ -149,7 +149,7 @@ def solved(
     threads: int,
     *,
     writes: bool,
-    # one array of rows per part of the dataset
+    # for each part of the dataset, arrays by which its residuals are multiplied and summed
     rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,
 ) -> Solved | None:
     """Compute a dataset's costly predictions at parameter points in advance; None if impossible.

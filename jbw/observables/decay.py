@@ -53,7 +53,7 @@ class Decays(Envelopes):
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta"})
     stepped: ClassVar[bool] = True
     own_shifts: ClassVar[bool] = True
-    # If the relative residual is larger, the record contains motion that the model does not have.
+    # A larger relative residual than this shows motion that the model does not have.
     most_misfit: ClassVar[float | None] = 0.05
     several: ClassVar[bool | None] = False
     unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "readings": None}

@@ -13,7 +13,7 @@ Form = tuple[float, str, int, int, str, *tuple[float, ...]]
 
 
 def first_alike(sources: Float[np.ndarray, "level time"]) -> Iterator[int]:
-    """Yield, for each row, the index of the first row that equals it."""
+    """Yield, for each level's source signal, the index of the first level with an equal signal."""
     seen: dict[bytes, int] = {}
     for i, source in enumerate(sources):
         yield seen.setdefault(source.tobytes(), i)

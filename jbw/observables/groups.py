@@ -11,7 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Inexact
 
-SPANS = 1e-10  # Smaller singular values, of columns scaled to norm one, are rounding errors.
+# If columns are scaled to norm one, singular values below this are rounding errors.
+SPANS = 1e-10
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
 Rows = Mapping[str, Row]  # rows of residuals by the label of their data group
@@ -106,7 +107,7 @@ class Groups(eqx.Module):
 
     @property
     def width(self) -> int:
-        """The length of the rows of data groups, including padding."""
+        """The number of values of the longest data group, to which all other groups are padded."""
         return self.directions.shape[-1]
 
 
@@ -207,7 +208,7 @@ def single_records(mean: Inexact[np.ndarray, "group value"], groups: Groups) -> 
 
 
 def changed(groups: Groups, **columns: Any) -> Groups:
-    """Return the table with some columns replaced; NumPy arrays are moved to the device."""
+    """Return the table of data groups with some columns replaced, as arrays on the device."""
     # `jnp.asarray` would compile a program for every shape.
     arrays = {n: jax.device_put(x) if isinstance(x, np.ndarray) else x for n, x in columns.items()}
     return replace(groups, **arrays)
@@ -224,7 +225,7 @@ def weights(groups: Groups) -> Float[Array, " group"]:
 def beside_own(
     rows: Float[Array, "group *own value"], groups: Groups
 ) -> Float[Array, "group *own value"]:
-    """Subtract from rows the projection of each row on its data group's own constants."""
+    """Remove from each data group's arrays the part that its own fitted constants can explain."""
     columns = groups.spanned
     if not columns.shape[1]:
         return rows
@@ -233,13 +234,13 @@ def beside_own(
 
 
 def with_slope(groups: Groups, slope: Float[Any, "group value own"]) -> Groups:
-    """Return the table with the derivatives of predictions with respect to run offsets."""
+    """Return the data groups with derivatives of predictions with respect to run offsets."""
     xp: Any = np if isinstance(slope, np.ndarray) else jnp
     return changed(groups, directions=beside_own(xp.moveaxis(slope, -1, 1), groups))
 
 
 def compared(groups: Groups, group: int) -> slice | Bool[np.ndarray, " value"]:
-    """Return which values of a data group's row are compared; a complex value counts as one."""
+    """Return which values of a data group are compared; a complex value counts as one."""
     if groups.counted is not None:
         return np.asarray(groups.counted)[group] > 0
     return slice(int(np.asarray(groups.size)[group]) // (2 if groups.is_complex else 1))
@@ -287,14 +288,14 @@ def fractions_counted(groups: Groups) -> dict[str, float]:
 def _orthonormal(
     columns: Float[np.ndarray, "group column value"],
 ) -> Float[np.ndarray, "group column value"]:
-    """Return orthonormal rows that span the columns; rows of dependent columns are zero."""
+    """Return an orthonormal basis of each group's columns; zeros replace dependent columns."""
     size = np.linalg.norm(columns, axis=-1, keepdims=True)
     _, weight, rows = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
     return rows * (weight > SPANS)[..., None]
 
 
 def filled(rows: Sequence[np.ndarray], mode: Literal["constant", "edge"] = "constant") -> Array:
-    """Stack rows and pad each with zeros, or with its last value in mode `edge`."""
+    """Stack arrays of unequal length; pad with zeros, or with the last value in mode `edge`."""
     longest = max(map(len, rows))
     return jnp.asarray(np.stack([np.pad(row, (0, longest - len(row)), mode) for row in rows]))
 

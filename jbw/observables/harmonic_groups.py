@@ -157,7 +157,7 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
         by_layout.setdefault((record.fs, record.response, size), []).append(i)
     for (fs, response, _), members in by_layout.items():
         count = int(min(HIGHEST, BELOW_NYQUIST * 2 * np.pi * fs / omega))
-        # Transform all rows at once: the sines and cosines of many samples dominate the cost.
+        # Transform all signals at once: the sines and cosines of many samples dominate the cost.
         rows = [
             record.channels[name][_span(fs, *span)]
             for record, span in (repeats[i] for i in members)

@@ -58,7 +58,7 @@ FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
 
 class Start(NamedTuple):
-    """The unknowns of a record: q_i, q_i' divided by the frequencies [m], and a shift [rad/s]."""
+    """The unknowns of a record: first q_i and q_i' / omega_i [m], and a frequency shift [rad/s]."""
 
     state: Float[Array, "*record coordinate"]
     shift: Float[Array, "*record"]
@@ -337,7 +337,7 @@ def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Ma
 
 
 def _units(seen: MatchedEnvelopes, data: ModalDecays) -> Float[Array, " own"]:
-    """Return scales of a record's unknowns: amplitudes, and the shift that adds 1 rad in total."""
+    """Return scales of the unknowns: modal amplitudes, and a shift of 1 rad per record [rad/s]."""
     radian = 1 / (data.step_s * jnp.full(1, len(seen.envelope)))
     return jnp.concatenate([seen.amplitude, seen.amplitude, radian])
 

@@ -163,7 +163,7 @@ class Observable(eqx.Module):
         raise NotImplementedError
 
     def predict(self, theta: Theta) -> Any:
-        """Return the prediction at given parameters, one row per group, in the measured unit."""
+        """Return the prediction of each data group at given parameters, in the measured unit."""
         raise NotImplementedError
 
     def compared(self, values: Any) -> Float[Array, "group value"]:

@@ -413,7 +413,7 @@ class Records(Observable):
         lanes = len(every["gain"]) // count
         every |= {
             name: np.repeat(values, lanes)
-            # This is empty without run offsets.
+            # `origin` has no columns if runs have no offsets.
             for name, values in zip(OFFSETS, origin.T, strict=False)
         }
         joints = joints_at(every, self.laws, residuals=self.residuals, depth=self.depth)
@@ -424,7 +424,7 @@ class Records(Observable):
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
         """Return which levels have a predicted response far beyond any measured one."""
-        # This is zero for planned levels, which have no measurement.
+        # The measured size is zero for planned levels, which have no measurement.
         size = jnp.max(jnp.abs(self.mean), axis=1)
         return (size > 0) & (peak > ABSURD * size)
 
@@ -557,7 +557,7 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
     names = ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)))
 
     def compiled() -> None:
-        # The same error occurs again, and is then reported, when the program is used.
+        # An error of this compilation occurs again, and is then reported, when the solver is used.
         with suppress(Exception):
             joints = joints_at(dict.fromkeys(names, np.ones(1)), laws)
             if joints is not None and not any(law.depth for law in joints.laws):
@@ -571,7 +571,7 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
 def _behind(
     rows: Float[np.ndarray, "row value"] | None, skipped: int
 ) -> Float[np.ndarray, "row time"] | None:
-    """Pad rows of the compared samples with zeros at the start, to the length of the record."""
+    """Put zeros before arrays of compared samples, so that they have the length of the record."""
     return None if rows is None else np.pad(rows, ((0, 0), (skipped, 0)))
 
 

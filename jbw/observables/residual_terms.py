@@ -39,8 +39,8 @@ TAKEN: Mapping[str, tuple[str, ...]] = {
 DRIVEN = 0.05
 # bound of any residual term, relative to the mode's static response (at its peak 1 / (2 zeta))
 LARGEST = 30.0
-# Relative range of a neighbouring mode's frequency; a larger one would compensate errors of the
-# law.
+# Relative range of a neighbouring mode's frequency. In a larger range, the neighbour would
+# compensate errors of the law.
 NEAR = 0.07
 DAMPED = (1e-4, 0.2)  # range of a neighbouring mode's damping ratio
 

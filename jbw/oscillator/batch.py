@@ -29,7 +29,7 @@ from jbw.oscillator.residual_sums import response_of
 from jbw.oscillator.solver import Stepping
 from jbw.oscillator.step import State, advance, exact_step
 
-LANES = 32  # number of oscillators in a batch; a smaller batch takes just as long
+LANES = 32  # number of oscillators in a batch; a smaller batch takes as long as a full one
 INTERVALS = 4096  # sample intervals per piece of a record, few enough for the cache
 # A batch fills the processor's widest registers; XLA's own choice is half as wide.
 WIDE = {"xla_cpu_prefer_vector_width": 512}
@@ -82,7 +82,7 @@ class _Totals(NamedTuple):
 
 
 class _Piece(NamedTuple):
-    """One piece of a record, padded with zeros: rows for its samples, rows for its intervals."""
+    """One piece of a record, as arrays over samples or sample intervals, padded with zeros."""
 
     polynomials: Float[Array, "interval power"]
     samples: Float[Array, " sample"]
@@ -91,11 +91,11 @@ class _Piece(NamedTuple):
 
 
 class _Lanes(NamedTuple):
-    """The values that differ in a batch of oscillators: joint, input gain, coefficients of rows."""
+    """The values that differ between the oscillators of a batch: joint, input gain, and all a_k."""
 
     joints: Oscillator
     gain: Float[Any, " lane"]  # gain of the input
-    # coefficients of the rows J that are subtracted from the residual
+    # coefficients a_k of the rows J_k that are subtracted from the residual
     parts: Float[Any, "lane direction"]
 
 
@@ -279,7 +279,7 @@ def _starts(num_samples: int) -> range:
 
 
 def _filled(rows: np.ndarray, size: int) -> Array:
-    """Return the rows on the device, padded with zeros to `size`."""
+    """Return an array on the device, padded with zeros to `size` along its first axis."""
     filled = np.zeros((size, *rows.shape[1:]))
     filled[: len(rows)] = rows
     return jax.device_put(filled)

@@ -26,9 +26,9 @@ from jbw.oscillator.step import State
 
 
 class Compared(eqx.Module):
-    """A measured response, with rows on which the difference from the simulation is projected.
+    """A measured response, and weights R_k for sums over its difference from the simulation.
 
-    All rows begin at the first compared sample.
+    All rows of weights begin at the first compared sample.
 
     Attributes:
         measured: Measured response d [m, m/s or m/s^2].
@@ -48,14 +48,14 @@ class Compared(eqx.Module):
 
 
 class Sums(NamedTuple):
-    """Sums of squared residuals and of products with rows, and the largest response."""
+    """The sum Q of squared residuals, the sums s_k with weights R_k, and the peak response p."""
 
     square: Float[Array, "..."]
     along: Float[Array, "... row"]
     peak: Float[Array, "..."]
 
 
-# The arguments of the time loop that sums a record's residual; the third are the input's samples.
+# arguments of the time loop: solver steps, joint, samples of the input, and measured response
 Task = tuple[Stepping, Oscillator, Float[Array, " time"], Compared]
 
 
@@ -84,7 +84,8 @@ def _sums(substeps: int, task: Task) -> Sums:
     stepping, joint, force, compared = task
     rest = _at_rest(joint)
     none = jnp.zeros(())
-    # The rows are passed one by one, because the loop would otherwise slice an array in every step.
+    # Directions and weights are passed as tuples of arrays, because the loop would otherwise slice
+    # an array in every step.
     compared = eqx.tree_at(
         lambda compared: (compared.directions, compared.rows, compared.parts),
         compared,

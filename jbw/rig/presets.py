@@ -57,7 +57,10 @@ SLIDERS = Oscillator(
         ),
     ),
 )  # fmt: skip
-"""Another specimen of the same size: three sliders, from the weakest sweep to the strongest."""
+"""A cantilever with the frequency and damping of `TRUTH`; its joint has three sliders.
+
+The sliders begin to slip at 0.3, 1.2 and 4 mm, so that a stronger sweep makes more sliders slip.
+"""
 
 PRIOR: Mapping[str, tuple[float, float]] = {
     "zeta": (0.00352, 0.00528),

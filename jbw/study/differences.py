@@ -67,7 +67,8 @@ TOLD = (1, 4, 9, 14, 19)
 SURE = 0.995  # one-sided probability above which the 99 % interval of the difference excludes 0
 INPUT = "gain"  # a parameter of the source, which is no property of the joint
 BY_CHANCE = 0.01  # probability of reporting a changed joint when no joint has changed
-APART = 1.1  # If two natural frequencies differ by a larger factor, they belong to different modes.
+# If two natural frequencies differ by more than this factor, they belong to different modes.
+APART = 1.1
 
 Draws = Mapping[str, Float[np.ndarray, " draw"]]
 

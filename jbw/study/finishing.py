@@ -72,7 +72,7 @@ def finished_study(
 def measured_groups(
     order: Order, prepared: PreparedTests, tree: xr.DataTree, wide: xr.Dataset | None
 ) -> dict[str, xr.Dataset]:
-    """Return a result's groups, with the measured curves and instrument errors in posteriors.
+    """Return the groups of `posterior.nc` by path; add measured curves and instrument errors.
 
     `wide` is the main posterior with the stated instrument errors; None where none are stated.
     """

@@ -39,7 +39,7 @@ from jbw.report.messages import identified
 from jbw.results.run import StoredIdentifiability
 
 logger = logging.getLogger("jbw")
-# A start has found the optimum if its final cost exceeds the lowest cost by a smaller fraction.
+# A start has found the optimum if its final cost exceeds the lowest by less than this fraction.
 REACHED = 0.01
 # A difference of cost below this (0.1 in chi-square) is no reason to prefer one of two optima.
 NOTHING = 0.05

@@ -205,7 +205,7 @@ def has_several(basis: Basis) -> bool:
 def measured_of(basis: Basis, load: Load) -> SeenResponse:
     """Return the response that the run measured, with its unit and the unit of its source."""
     driven = [seen for seen in basis.seen.values() if seen.response in UNIT_OF]
-    # Beside tests on a moving base, a load by a force is in the unit of the tests by a force.
+    # If the base moves in some tests, a force load has the unit of the tests with a force.
     driven = [seen for seen in driven if (seen.drive == BASE) == load.is_base] or driven
     name = "acceleration" if load.is_base else driven[0].response if driven else "displacement"
     stated = [seen.stated_unit for seen in driven if seen.response == name]
@@ -335,7 +335,7 @@ def by_zones(
     what: str,
     predict: Callable[[Zone, Prepared], list[dict[str, Values]]],
 ) -> tuple[dict[str, list[Values]], Prepared]:
-    """Predict every mode in the zone of which frequencies lie, and join the predictions.
+    """Predict each mode at the frequencies in the mode's zone, and join the predictions.
 
     Args:
         basis: The draws and settings from which the run predicts.
@@ -382,7 +382,7 @@ def _third(member: Member, y: float) -> float:
 
 
 def _require_apart(member: Member, y: float, what: str) -> float:
-    """Return the measured displacement [m] at an amplitude of a mode that is far from others.
+    """Return a mode's measured displacement [m] at an amplitude; raise if a mode is too near.
 
     Raises:
         ModelError: Another mode is nearer than ten half-power widths.

@@ -37,8 +37,8 @@ from jbw.verification.predictive_basis import Basis
 
 # number of frequencies on each side of the resonance; their spacing grows with distance
 FEW = 240
-# largest relative change of a mode's damping by the other modes' motion, by a rule that ignores the
-# order of their turns; its rms then changes by at most 1 %
+# Largest relative change of a mode's damping by the simultaneous motion of other modes, computed
+# without the order of the load reversals. The rms of the mode then changes by at most 1 %.
 COUPLED = 0.005
 Modes = Sequence[tuple[Member, RandomResponse]]  # motion of every mode, of the draws of one law
 MOST_TIMES = 2000  # approximate number of times at which a response is stored
@@ -74,7 +74,7 @@ def random_of(
         return 2.0 * found.random.rms()[:, None] + np.abs(found.sine)
 
     zones = zones_of(basis, load)
-    # If no mode is driven, the first one raises the error.
+    # If no mode is driven, the prediction of the first mode raises the error.
     driven = [zone for zone in zones if stated.at(np.array(zone.omega / TAU)) > 0.0] or zones[:1]
     by_mode = [prepared(basis, replace(load, mode=zone.mode), amplitude, what) for zone in driven]
     members = [list(of_law) for of_law in zip(*(one.members for one in by_mode), strict=True)]

@@ -41,7 +41,7 @@ MOST_ROUNDS, CLOSE = 8, 1e-6
 def resonances_in(
     basis: Basis, load: Load, band_hz: tuple[float, float]
 ) -> Iterator[tuple[str, Load]]:
-    """Yield a name and the load of each mode in a band; of a single mode, wherever it is."""
+    """Yield a name and the load of each mode in a band; ignore the band if there is one mode."""
     low, high = (TAU * end for end in checked_band(band_hz))
     zones = zones_of(basis, load)
     for zone in zones:
@@ -171,7 +171,7 @@ def notch_of(
         y = np.broadcast_to(
             limit / seen.factor / omega ** derivative_order(seen.name), frequency.shape
         )
-        # The response to a unit displacement depends on the displacement, so that it is repeated.
+        # The ratio of response to displacement depends on the displacement: iterate.
         for _ in range(MOST_ROUNDS):
             before, ratio = y, held_ratio(member.motion, y, frequency)
             y = limit / seen.factor / _per_displacement(member, load, seen, ratio, y, frequency)

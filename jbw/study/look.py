@@ -72,11 +72,11 @@ MEANING = {
     "frequency_sd": "standard deviation of frequency",
     "damping_sd": "standard deviation of damping",
 }  # fmt: skip
-# Relative change of secant stiffness during equal cycles; the test rig alone causes smaller
-# changes.
+# Relative change of secant stiffness during equal cycles. The test rig alone causes changes below
+# this.
 WORN = 0.02
-# Change of frequency relative to the half width, or of damping relative to itself; noise in a clear
-# resonance causes smaller changes.
+# Change of frequency divided by the half width of the resonance, or relative change of damping.
+# Noise in a clear resonance causes changes below this.
 CLEAR = 0.2
 # probability below which offsets of records are not random but depend on their order or run
 RISES = 1e-3
@@ -122,7 +122,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
             held = [kept for one in read if (kept := _holding(one)) is not None]
             count, num = (sum(len(one.rows) for one in some) for some in (held, read))
             if count < num:
-                left_out = f"{num - count} of {num} readings of {name}"
+                left_out = f"{num - count} of {num} readings of {name} (left out)"
                 unread[left_out] = NO_OSCILLATOR
             if not held:
                 continue

@@ -165,7 +165,7 @@ class ForcedTests:
 def verify_forced(
     source: Source, simpler: Mapping[str, Reference], measured: Measured, attempts: Attempts
 ) -> dict[str, xr.Dataset]:
-    """Compare all tests except free decays with the model; return groups by path in the tree."""
+    """Compare all tests but free decays with the model; return datasets by path in the result."""
     natural_hz = source.omega_n / (2 * np.pi)
     loops: tuple[Test, ...] = ()
     if measured.linear is not None:

@@ -132,8 +132,9 @@ def state(
     ]
     change = None
     if alarms:
-        # The probabilities are those of 0, 1, ... records since a change; the last one is that of
-        # no change. The most probable number of records dates a drift.
+        # Entry k of `run.probability` is the probability that k records were measured since the
+        # change; the last entry is the probability of no change. The most probable k therefore
+        # shows at which record the change occurred.
         length = int(np.argmax(run.probability[1:-1])) + 1
         behind = watched[-length:]
         change = change_of(reference, behind, len(watched) - length + 1)

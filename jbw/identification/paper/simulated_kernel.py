@@ -73,7 +73,7 @@ def kernel_values(theta: Theta, design: KernelData) -> Complex[Array, " freq"]:
 
 
 def ranked_quantities(design: KernelData) -> Mapping[str, Quantity]:
-    """Return quantities that the kernel determines better than parameters: lambda_3 and |H3|."""
+    """Return lambda_3 and |H3|, which the kernel H3 determines better than single parameters."""
     hertz = np.asarray(design.omega) / (2 * np.pi)
     tones = {f"h3_{f:.4g}Hz": Partial(_h3_magnitude, index=i) for i, f in enumerate(hertz)}
     return {"lambda_3": _lambda_3, **tones}

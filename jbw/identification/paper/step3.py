@@ -38,8 +38,7 @@ from jbw.report.messages import paper_steps as messages
 
 NAMES = ("zeta", "alpha", "delta")
 # Half widths of the prior ranges of Teloli et al., divided by their centres: alpha in [424.31,
-# 589.61] is
-# 507 +- 16.3 %.
+# 589.61] is 507 +- 16.3 %.
 PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
 SAMPLERS = {
     "third_order_nuts": SamplingRequest("nuts", num_warmup=500, num_samples=500),
@@ -149,7 +148,7 @@ def third_order_steps(
     keep: Keep = no_checkpoint,
     statements: Sequence[str] = (),
 ) -> dict[str, Step]:
-    """Sample zeta, alpha and delta from the kernel by NUTS and by two random walks (Step 3).
+    """Sample zeta, alpha and delta given the third-order kernel: NUTS, two random walks (Step 3).
 
     NUTS and the tuned walk use coordinates along the ridge alpha*delta, from wall to wall of the
     box, with the noise integrated out. The walk of Teloli et al. uses the box itself, with the
@@ -201,7 +200,7 @@ def as_noise(best: Fit) -> Fit:
 
 
 def _product_sentence(tree: xr.DataTree) -> str:
-    """Return the sentence on the product that the kernel determines, with its interval."""
+    """Return the sentence on alpha*delta, which the third-order kernel determines."""
     posterior = posterior_draws(tree)
     product = (posterior["alpha"] * posterior["delta"]).values
     low, high = np.quantile(product, [0.005, 0.995])
@@ -209,13 +208,13 @@ def _product_sentence(tree: xr.DataTree) -> str:
 
 
 def predicted(posterior: xr.Dataset, data: KernelData) -> NDArray[np.complex128]:
-    """Return the kernel of each draw at the tones [m^-2 s^6], shape (draw, freq)."""
+    """Return each draw's third-order kernel at the tones [m^-2 s^6], shape (draw, freq)."""
     theta = {name: posterior[name].values.ravel() for name in NAMES}
     return np.asarray(jax.vmap(lambda t: kernel.predict(t, data))(theta))
 
 
 def integrals(posterior: xr.Dataset, data: KernelData) -> np.ndarray:
-    r"""Return each draw's kernel energy, integrated over the tones' band, shape (chain, draw).
+    r"""Return each draw's energy of the third-order kernel in the tones' band, (chain, draw).
 
     $$\int_B |H_3(\omega)|^2\,\mathrm{d}\omega$$
 

@@ -40,8 +40,8 @@ TOLERANCE = 1e-10  # relative tolerance of the sum of squares and of the step
 # step of a difference in the search coordinate (0 to 1): truncation error 1e-10, rounding error
 # 1e-11
 STEP = 1e-5
-# Widest finite difference at an optimum, in the search coordinate; over wider ones, residuals are
-# not linear.
+# Widest finite difference at an optimum, in the search coordinate. Over wider differences,
+# residuals are not linear.
 WIDEST = 0.02
 # Wider differences are not needed if they change no standard error by more than the first factor.
 # Otherwise differences are widened until errors change by less than the second factor, at most as

@@ -122,7 +122,7 @@ def _in_words(
 def _determined(
     directions: Float[np.ndarray, "parameter weak"],
 ) -> Float[np.ndarray, "combination parameter"]:
-    """Return combinations of parameters that the data determine, as exponents in rows."""
+    """Return the exponents of each combination of parameters that the data determine."""
     # All combinations may contain the parameters that vary most along the weak directions.
     first = 1 / (1 + NEAR * np.arange(len(directions)))
     decomposition: Any = qr(directions.T * first, mode="r", pivoting=True)

@@ -37,11 +37,12 @@ SENSIBLE = 10.0
 # Largest ratio of the standard deviation of a named combination of parameters to that of the
 # direction in parameter space that the combination describes.
 AS_WELL = 2.0
-# Factors compensate each other if their product's standard deviation is less than this fraction of
-# their own.
+# Parameters compensate each other if the standard deviation of their product is less than this
+# fraction of each parameter's standard deviation.
 TOLD_APART = 0.5
 logger = logging.getLogger("jbw")
-FLAT = 0.1  # A smaller change of chi-square does not show that one value is better than another.
+# A change of chi-square below this does not show that one parameter value is better than another.
+FLAT = 0.1
 PLACES = 4  # number of points of a profile on each side of the fit, up to `REACH`
 REACH = 3.0  # range of a profile in standard deviations, slightly beyond the 2.58 of 99 %
 # largest number of points beyond `REACH`, each twice as far from the fit as the one before
@@ -318,7 +319,7 @@ def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None
     if not beyond.size:
         return None
     j = beyond[0]
-    if j == 0:  # The profile of another parameter has found a better fit.
+    if j == 0:  # The profile of another parameter has found a better fit than the optimum.
         return float(s[0])
     if not np.isfinite(root[j]):  # The model has no solution at this point.
         return float(s[j])

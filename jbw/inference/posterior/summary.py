@@ -23,7 +23,7 @@ LAPLACE = "laplace"  # name of independent draws from a fit's Gaussian approxima
 
 
 def posterior_draws(tree: xr.DataTree) -> xr.Dataset:
-    """Return the draws of a posterior's tree."""
+    """Return the draws that a posterior's result tree contains."""
     return tree["posterior"].to_dataset()
 
 

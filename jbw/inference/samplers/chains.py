@@ -101,8 +101,8 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
         problem, spread = shared
         chain = make(problem, options)
         state, possible = _first_state(chain, argument, problem, spread)
-        # Warm-up and draws share one loop, so that the step is compiled once; rows of the warm-up
-        # are dropped.
+        # Warm-up and draws share one loop, so that the step is compiled once; the states of the
+        # warm-up are dropped.
         bounds = jnp.asarray(total), options.num_samples, options.num_warmup
         return possible, _advanced(chain, state, *bounds)[1]
 

@@ -135,7 +135,7 @@ def _shrunk(
     """Run nested sampling from its first live points to its end."""
     num_live = len(state.particles.loglikelihood)
     room = ROOM * num_live // together * together
-    # Empty rows get a likelihood above all others, where the prior volume is zero.
+    # Unused storage of dead points has the largest likelihood, where the prior volume is zero.
     empty = jax.tree.map(
         lambda v: jnp.full((room, *v.shape[1:]), jnp.inf, v.dtype), state.particles
     )

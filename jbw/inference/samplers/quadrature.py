@@ -116,7 +116,7 @@ def _on_its_axis(
     whitening = whitened_by(moments.mean, moments.covariance, first=i)
     bounds = bounds_of(problem, whitening, moments, FACES[len(problem.box.names)])
     # The trapezoidal rule also converges in the stretched coordinate, in which the density is as
-    # smooth and as small at its ends.
+    # smooth, and as small at its ends, as in the whitened coordinate.
     drawn_in = Composed((Stretch(), whitening))
     grid = grid_within(problem, drawn_in, Stretch().inverse(bounds), count)
     d = len(grid.axes)

@@ -67,7 +67,7 @@ class Affine(Coordinate):
 
 
 class Elementwise(Coordinate):
-    """A separate change of each parameter, by one of NumPyro's transforms."""
+    """A separate change of variable for each parameter, by one of NumPyro's transforms."""
 
     transform: Transform
 

@@ -528,7 +528,7 @@ def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
 def _on_own_clocks(
     columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str], clocks: Sequence[int]
 ) -> list[Leaf]:
-    """Return columns as channels, each with the rate of its time column if there are several.
+    """Return columns as channels; if several columns are times, use the last one to the left.
 
     Empty cells below the end of a shorter column, and those between the samples of a slower one,
     are no lost samples.

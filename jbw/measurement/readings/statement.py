@@ -118,14 +118,14 @@ class AmplitudeTrend(NamedTuple):
 
 
 class _RowsOfRecords(NamedTuple):
-    """The values of all records relative to a mean: relative amplitude, value, covariance."""
+    """The values of all records: amplitude / largest amplitude, value / mean value, covariance."""
 
     r: Reals
     value: Reals
     blocks: tuple[Float[np.ndarray, "row row"], ...]
 
     def split(self, values: Reals) -> list[Reals]:
-        """Return values of all rows, split by record."""
+        """Split an array of all records' values into one array per record."""
         return np.split(values, np.cumsum([len(block) for block in self.blocks])[:-1])
 
 
@@ -258,7 +258,11 @@ def _at(values: Reals, r: float) -> float:
 
 
 def _turn(b: Reals, covariance: Reals, low: float) -> float | None:
-    """Return the relative amplitude of a parabola's clear turning point; None if it has none."""
+    """Return where a parabola turns, relative to the largest amplitude; None if not certain.
+
+    The value at the turning point must differ from the values at both ends by `SURE` standard
+    deviations.
+    """
     if b[1] == 0.0 or not low < (at := float(-b[0] / (2 * b[1]))) < 1.0:
         return None
     for end in (low, 1.0):

@@ -48,7 +48,7 @@ ODDS = 1e-4
 # smallest relevant change of zeta, or of the relative frequency, divided by zeta
 LEAST_CHANGE = 5e-3
 SURE = 3.0  # number of standard deviations by which a change must differ from zero
-# tangent of 31 degrees: if the phase of a gain is larger, the sign of the gain is not known
+# tangent of 31 degrees: beyond this phase, the sign of a gain is not known
 MOST_TURNED = 0.6
 
 Square = Float[np.ndarray, "row row"]
@@ -192,7 +192,7 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
 
 
 def _real_gain(gain: complex) -> float:
-    """Return the real part of a gain; NaN if the phase is neither that of a force nor its opposite.
+    """Return the real part of a gain; NaN if its phase is over 31 degrees away from 0 and from 180.
 
     A lag or an error of a clock turns the phase, so that the gain has no sign.
     """
@@ -262,7 +262,7 @@ def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> _Rows:
 
 
 def _mean(rows: list[_Rows], weights: list[float]) -> _Rows:
-    """Return the weighted mean of rows, with the covariances within and between them."""
+    """Return the weighted mean of several fits' values; include the covariance between fits."""
 
     def mean(values: Sequence[Reals]) -> Reals:
         return np.tensordot(weights, np.stack(values), 1)

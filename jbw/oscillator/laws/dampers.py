@@ -25,7 +25,8 @@ from jbw.quantities import Quantity
 # Largest added damping ratio at the largest displacement, which bounds the prior.
 MOST_ADDED = 0.05
 _NODES, _NODES_PER_HARMONIC = 24, 4
-_POINTS = 512  # number of points of half a period with more than one turning point
+# number of samples of half a period, for motion with more than two turning points per period
+_POINTS = 512
 
 
 class QuadraticDamping(Damper):

@@ -122,7 +122,7 @@ class Iwan4(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: a share of the stiffness, and a loss as in the power law."""
+        """Return prior bounds: K_T relative to omega_n^2, loss and chi as in `MasingPower`."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = MasingPower.prior(scales)["power_loss"]
         return {
@@ -268,7 +268,7 @@ class MasingExponential(Masing):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: a share of the stiffness, and b such that b Y is of order one."""
+        """Return prior bounds of alpha relative to omega_n^2, and of b relative to 1 / `y_peak`."""
         share = FORCED_SHARE if scales.forced else SHARE
         low, high = (float(part * scales.omega_n**2) for part in share)
         return {

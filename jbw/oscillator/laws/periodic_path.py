@@ -160,7 +160,7 @@ def _polish(
 def _turning_states(
     q: Complex[Array, " harmonic"], delta: Scalar, gamma: Scalar, max_turns: int
 ) -> tuple[Any, Float[Array, " turn"], Float[Array, " turn"], Float[Array, " turn"]]:
-    """Return the turning points, with y and z at each of them, and the law of z/alpha."""
+    """Return the parameters of z/alpha, the turning points, and y and z/alpha at each of them."""
     law: Any = _UnitLaw(jnp.ones_like(delta), delta, gamma)
     turns = turning_angles(q, max_turns)
     y = synthesis(q, turns)
@@ -193,7 +193,7 @@ def _zeros(
     z_turn: Float[Array, " turn"],
     law: Hysteresis,
 ) -> Float[Array, " segment"]:
-    """Return the angle between two turning points where z vanishes, or the midpoint if none."""
+    """Return the angle at which z vanishes between successive turning points, or their midpoint."""
     q, turns, y_turn, z_turn, law = stop_gradient((q, turns, y_turn, z_turn, law))
     lower, upper = turns[:-1], turns[1:]
     direction = jnp.sign(y_turn[1:] - y_turn[:-1])

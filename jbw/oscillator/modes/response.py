@@ -79,13 +79,13 @@ class StructureResponse(eqx.Module):
 
 
 class ModalOptions(NamedTuple):
-    """The options of `simulate` for several modes; `exact_step` if jbw's own step is allowed."""
+    """The options of `simulate` for a structure of several modes."""
 
     hold: Hold
     substeps: int
     periodic: bool
     num_samples: int | None
-    exact_step: bool
+    exact_step: bool  # whether jbw's own exact time step may replace the standard solver
     solver: AbstractSolver
     controller: AbstractStepSizeController
 
@@ -196,7 +196,7 @@ Solved = tuple[Trajectory, Callable[[Structure], Array]]
 
 
 def _stepped(options: ModalOptions, steps: ModalStepping, initial: ModalState) -> Solved:
-    """Return a motion by jbw's own exact step."""
+    """Simulate the motion by jbw's exact time step; return the states at the samples."""
     states, kicks = modal_solve(steps, initial)
     samples = jax.tree.map(lambda x: x[:: options.substeps], states)
     return (samples, lambda structure: work_of_joints(structure, steps, states, kicks))

@@ -88,7 +88,7 @@ def units_of_resonance(unit: str, name: str) -> dict[str, dict[str, str]]:
         "jump_down": {**HERTZ, "long_name": "frequency of the jump to the lower branch"},
         "folds": {**NUMBER, "long_name": "share of draws whose response curve folds"},
         "reach": {**NUMBER, "long_name": "displacement / largest fitted displacement"},
-        "withheld": {**NUMBER, "long_name": "1 if no band can be stated, otherwise 0"},
+        "withheld": {**NUMBER, "long_name": "band withheld: 1 if no band can be stated, else 0"},
     }
 
 

@@ -75,7 +75,8 @@ def ratio_trend(name: str, slope: Interval, *, depends: bool) -> str:
 def scatter(rows: Sequence[tuple[str, float, float]]) -> str:
     """Return the sentence on standard deviations between sessions of a unit and between units."""
     parts = (
-        f"{name} {percent(sessions)} between sessions of a unit, {percent(units)} between units"
+        f"{name} varies by {percent(sessions)} between sessions of a unit and by {percent(units)} "
+        "between units"
         for name, sessions, units in rows
     )
     return f"Standard deviations: {'; '.join(parts)}."
@@ -109,7 +110,7 @@ def weak(names: Sequence[str], times: float) -> str:
 
 
 def saturates(names: Sequence[str], torque: Interval) -> str:
-    """Return the sentence on parameters that saturate with torque, as the user requested."""
+    """Return the sentence on parameters for which the user requested saturation with torque."""
     return (
         f"{listed(names)} follows a curve that saturates with torque, as the input requests; "
         f"the saturation torque is {interval(torque)} N m. Only very different torques "

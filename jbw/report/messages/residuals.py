@@ -30,10 +30,12 @@ def across_kinds(
         f"{kind} {percent(error)} ({percent(fitted)} when fitted)"
         for kind, (error, fitted) in errors.items()
     )
-    proviso = ", but with a separate natural frequency for each run" if own_frequency else ""
+    proviso = (
+        " These predictions use a separate natural frequency for each run." if own_frequency else ""
+    )
     return (
-        f"RMS error of each kind of test, predicted from the other kinds{proviso}: {rows}."
-        f"{identified_by(identified)}"
+        f"RMS error of each kind of test, predicted from the other kinds: {rows}."
+        f"{proviso}{identified_by(identified)}"
     )
 
 

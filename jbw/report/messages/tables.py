@@ -48,7 +48,7 @@ HARMONIC_NOTE = "as a fraction of Y(3ω); removed by means of the measured input
 
 def rests_on(parameters: Sequence[str]) -> str:
     """Return the remark on parameters that only one kind of test identifies."""
-    return f"only these tests identify {listed(parameters)}"
+    return f"only the kind of test in this row identifies {listed(parameters)}"
 
 
 def beyond(reach: float) -> str:
