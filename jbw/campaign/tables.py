@@ -157,7 +157,9 @@ class TestSpec(FileTable):
     )
     assembly: values.Text = key("", "name of the assembly of the joint", "first")
     run: values.Text = key("", "name of the day or run", "monday")
-    repeats: Literal["files", "rows"] = key("files", "one repeat per file, or one per row")
+    repeats: Literal["files", "rows"] = key(
+        "files", "files: each file is a repeat; rows: each row is a repeat"
+    )
     exclude: values.Excluded = key(
         (), "repeats to drop: numbers counted from zero, or file names", [2, "bad_*.h5"]
     )
@@ -214,8 +216,8 @@ class TestSpec(FileTable):
     )
     gaps: Literal["refuse", "mask"] = key(
         "refuse",
-        "treatment of samples that are NaN; mask leaves out the lines with NaN in a test of kind "
-        "frf, backbone or curve",
+        "treatment of samples that are NaN; refuse: the record is rejected; mask: points with NaN "
+        "are omitted, in tests of kind frf, backbone or curve only",
         "refuse",
     )
     span: values.Span | None = key(None, "first and last second to read", [0.0, 8.0])

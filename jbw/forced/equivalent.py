@@ -100,7 +100,7 @@ class EquivalentMotion:
 
     @property
     def has_further_modes(self) -> bool:
-        """Whether the motion is that of one mode of a structure."""
+        """Whether the joint belongs to a `Structure`, whose other modes move with mode `mode`."""
         return isinstance(self.joint, Structure)
 
     @property

@@ -1,4 +1,4 @@
-r"""Random vibration beside a sine, by averaging of the energy with the sine's motion underneath.
+r"""Random vibration with a superposed sine, by averaging a mode's energy while the sine acts.
 
 The motion is $R\cos\omega t + S\cos\Omega t$, with the slowly varying amplitude R of the
 mode and the amplitude S of the sine. Along this path the force of the joint has the equivalent
@@ -43,7 +43,7 @@ INSTEAD = "Simulate the motion by `jbw.simulate` with samples of the force."
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionBesideSine(EquivalentMotion):
-    """The motion of a mode beside a sine, with equivalent stiffness and loss from a table."""
+    """The random motion of a mode with a superposed sine; a table gives stiffness and loss."""
 
     table: LoopTable
 
@@ -53,7 +53,7 @@ class MotionBesideSine(EquivalentMotion):
         return True
 
     def values(self, y: Values, omega: Values) -> tuple[Values, Values]:
-        """Return stiffness K and loss D at amplitudes y of the mode, beside the sine."""
+        """Return stiffness K and loss D at amplitudes y of the mode, with the sine's effect."""
         loops = self.table.loops(y)
         return loops.stiffness, loops.loss
 
@@ -111,7 +111,7 @@ def sine_on_random(
             _require_apart(found, omega)
             return SineOnRandom(found, np.asarray(level / ratio, complex))
     raise ModelError(
-        "The amplitude of the sine beside the random motion must become steady, but still changes "
+        "The amplitude of the sine during the random motion must become steady, but still changes "
         f"by {float(np.max(np.abs(s / before - 1.0))):.2g} after {MOST_ROUNDS} iterations.",
         why="Its response curve may fold at this level.",
         remedy=INSTEAD,

@@ -245,11 +245,12 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
 def _about(
     key: Key[Array, ""], data: Dataset, prior: Box, best: Fit
 ) -> tuple[dict[str, np.ndarray], float]:
-    r"""Return draws from a fit's covariance, and the factor on their distance from the fit.
+    r"""Draw from the covariance of a fit, with steps scaled by a factor; return draws and factor.
 
-    If the posterior is curved, such draws lie outside it: the median of their log likelihood lies
-    farther below that of the fit than one per parameter (a Gaussian has one half). Then they are
-    drawn close to the fit, where every posterior is straight.
+    The factor is 1, unless the posterior is curved. Unscaled draws then lie outside the posterior:
+    the median of their log likelihood lies farther below that of the fit than one per parameter (a
+    Gaussian has one half). The factor is then small, because every posterior is nearly Gaussian
+    close to the fit.
     """
     steps = steps_about(key, best, NUM_DRAWS)
     points = points_at(steps, best, prior)

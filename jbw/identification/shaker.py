@@ -28,7 +28,7 @@ class ShakerReading:
     """The identified shaker of a test, with the modes in its band with and without the shaker."""
 
     shaker: ShakerFit
-    modes: ModalFit  # modes of the structure alone, from the measured force
+    modes: ModalFit  # modes without the shaker, from the FRF of force to drive point
     omega: Float[np.ndarray, " mode"]  # predicted frequencies with the shaker [rad/s]
     zeta: Float[np.ndarray, " mode"]
 

@@ -230,7 +230,8 @@ def suited(step: models.CalibratedStep, name: str) -> tuple[Model, Sampler, Any]
     size = len(model.box.names)
     if sampler.needs_fit and model.search is None:
         raise ConfigError(
-            f"Sampler {name} draws about a least-squares fit, which this step does not have."
+            f"Sampler {name} needs a least-squares fit as the centre of its draws, but this step "
+            "has no fit; choose a sampler that needs no fit, such as nuts."
         )
     if not sampler.suits(size):
         raise ConfigError(

@@ -172,9 +172,10 @@ def errors_on(rows: Rows, target: str) -> dict[str, float]:
 def weights_for(rows: Rows, target: str) -> dict[str, float]:
     """Return each law's weight in predictions of stronger tests or other kinds; empty if unknown.
 
-    Within the fitted amplitudes, the shares are the weights of the comparison. Outward and across
-    kinds, laws whose error there is at most 1.1 times the least one share by the same weights. If
-    none of these has a weight, the law with the least error predicts alone.
+    Within the fitted amplitudes, the shares are the weights of the comparison. For stronger tests
+    and for other kinds, only laws whose error is at most 1.1 times the smallest error get a share,
+    in proportion to the same weights. If none of these laws has a weight, the law with the smallest
+    error predicts alone.
     """
     if target == laws.WITHIN:
         return {name: row.weight for name, row in rows.items() if row.weight}
@@ -229,7 +230,7 @@ def _of_answers(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_targets(rows: Rows, best: str) -> Iterator[str]:
-    """Yield a sentence if another law predicts stronger tests, or other kinds of test, best."""
+    """Yield a sentence if other laws predict stronger tests, or other kinds of test, better."""
     for target in TARGETS:
         shares = weights_for(rows, target)
         if shares and best not in shares:

@@ -56,7 +56,7 @@ from jbw.report.messages import look as messages
 MOST_SAMPLES = 2**23
 # Records whose source varies by more than this, relative to its size, are no repeats.
 SAME_SOURCE = 0.1
-ABOVE_NOISE = 5.0  # standard deviations of a harmonic
+ABOVE_NOISE = 5.0  # smallest reported harmonic, in standard deviations of its noise
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
 BY_CHANCE = 1e-3  # p-value below which repeats are reported to differ
 # number of directions along which repeats may differ for other reasons than noise: amplitude, time,
@@ -68,7 +68,8 @@ PERIODS = 10.0  # number of periods of the source in a window
 SPACING = 0.5  # distance of windows, divided by their length
 QUIET = 0.02  # Below this fraction of its largest amplitude, the source drives nothing.
 FEWEST = 4  # smallest number of windows in a sweep
-# largest residual of a sweep's source from one tone with harmonics, within a window
+# A source is no sweep if a tone with its harmonics, fitted in each window, has a larger median
+# residual, relative to the source.
 MOST_STRAY = 0.1
 
 

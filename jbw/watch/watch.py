@@ -253,7 +253,8 @@ def _begun(test: Test, name: str, wishes: Wishes) -> WatchSettings:
             f"{number}.",
             why=f"With fewer than {least} records the variation between records is hardly known, "
             "and no change would be detected.",
-            remedy="Begin with more records without change, or use only one amplitude.",
+            remedy=f"Use `--reference {least}` or more, with as many records of the unchanged "
+            "joint, or use only one amplitude.",
         )
     unit = test.records[0].units.get(test.records[0].response, "")
     return WatchSettings(

@@ -193,7 +193,10 @@ def test_a_slip_before_what_is_nested_too_deeply_is_refused():
 
 def test_slips_in_several_lines_are_told_of():
     text = changed('"sweep"', "“sweep”").replace('"beam"', "“beam”")
-    assert 'Write line 3 as `name = "beam"`. Correct line 6 in the same way.' in refused(text)
+    assert (
+        'Write line 3 as `name = "beam"`. Line 6 has the same mistake: correct that line too.'
+        in refused(text)
+    )
 
 
 def test_an_escape_that_a_path_became_is_named():

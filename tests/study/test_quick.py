@@ -98,7 +98,9 @@ def test_a_folder_with_more_than_a_first_answer_is_left_alone(quick, again, caps
 
 def test_resume_draws_the_posterior_of_a_first_answer(again, toy, capsys):
     assert run(["resume", str(again)]) in (0, 4)
-    assert "From the fit alone; the posterior is not assessed: " in capsys.readouterr().err
+    assert (
+        "Identified from the fit alone (the posterior is not assessed): " in capsys.readouterr().err
+    )
     rows = summary_of(again)["steps"]["joint"]["parameters"]
     assert rows == summary_of(toy / "run")["steps"]["joint"]["parameters"]
     assert "quick" not in summary_of(again)

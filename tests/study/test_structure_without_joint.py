@@ -62,7 +62,7 @@ def test_a_structure_without_a_joint_is_answered_by_its_fit(answered):
     assert "laws = []" in found.action
     assert np.isfinite(found.number)
     # No second posterior, and no record by itself.
-    stages = [line for line in said if not line.startswith("From the fit alone; the posterior is")]
+    stages = [line for line in said if not line.startswith("Identified from the fit alone (")]
     assert not [line for line in stages if "alone" in line or "by itself" in line]
     assert "decay" not in study.record["steps"]
     # The model is the linear oscillator: none is fitted again to be compared with it.

@@ -149,7 +149,7 @@ def grow_chains(
     done, rows, count = before.done, before.rows, CHUNK if checkpoint is None else 1
 
     def end(spent: float) -> int:
-        """Return the number of steps at which the chains end, given their draws and the time."""
+        """Return the number of steps at which the chains end, from draws and elapsed time [s]."""
         if until is not None and rows and spent >= until.budget_s:
             return done
         if done < total or until is None or until.enough(_joined(rows)[0][0].theta):
@@ -263,7 +263,7 @@ def _next_count(count: int, seconds: float, spent: float) -> int:
 
 
 def _joined(rows: list[Rows]) -> list[Rows]:
-    """Return the draws of all chunks as one array each."""
+    """Return the draws of all chunks, joined into one array for each quantity."""
     return [jax.tree.map(lambda *parts: np.concatenate(parts, axis=1), *rows)] if rows else []
 
 

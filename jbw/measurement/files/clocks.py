@@ -1,8 +1,8 @@
-"""Checks whether a column of times is even, and its rate to the precision of the printed digits.
+"""Checks whether times are evenly spaced; rates to the precision of the printed digits.
 
 A time that is printed to a quantum q lies within q / 2 of its true instant, or of that instant
-less q / 2 if digits are cut off. A column is even if one line $t_0 + n / f_s$ passes within
-that distance of every time.
+less q / 2 if digits are cut off. A column is evenly spaced if one line $t_0 + n / f_s$ passes
+within that distance of every time.
 """
 
 from collections.abc import Sequence
@@ -59,11 +59,11 @@ def stated_rate(fs: float) -> float:
 def sampling_frequency(
     time: NDArray[np.number], name: str = "time", *, begins: float = 0.0, factor: float = 1.0
 ) -> tuple[float, float]:
-    """Return the sampling frequency of an even column of times [Hz], rounded and unrounded.
+    """Return the sampling frequency of evenly spaced times [Hz], rounded and unrounded.
 
-    The rounded rate is the roundest one, of 1 Hz or 0.1 Hz, that agrees with every printed digit.
-    If there is none, it is that of the least-squares line through all times, provided that the line
-    is within half of the last digit of every time, or else of the nearest line that is.
+    The rounded rate is the nearest multiple of 1 Hz, or else of 0.1 Hz, if it agrees with every
+    printed digit. Otherwise it is the rate of the least-squares line through all times if this line
+    is within half of the last digit of every time, or else that of the nearest line that is.
 
     Args:
         time: Times of one axis, in their printed unit.
@@ -151,7 +151,7 @@ def _is_exact(seconds: Reals) -> bool:
 
 
 def on_clock(item: Leaf, time: NDArray[np.number], unit: str) -> Leaf:
-    """Return a channel with rate and start from its own column of times, if the times are even.
+    """Return a channel with the rate and start of its own column of evenly spaced times.
 
     Uneven times, an unknown unit, and whole numbers without a unit leave the channel unchanged.
     """

@@ -29,7 +29,7 @@ METADATA, BIG_ENDIAN = 0x2, 0x40  # flags in the lead-in
 
 
 class Bounded(BufferedReader):
-    """A file from which a damaged length cannot request more bytes than it has."""
+    """A reader that stops at the end of the file, even if a damaged length states more bytes."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         """Return the next bytes of the file, at most up to its end."""

@@ -225,7 +225,7 @@ def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Comp
 def decay_model(
     signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, jump: Jump | None = None
 ) -> Complexes:
-    """Return the filtered decay of a mode with given powers of amplitude, at the signal's times.
+    """Return the filtered decay of a mode whose rate and frequency vary by powers of amplitude.
 
     `theta` contains ln a and phase at the start, the coefficients of the damping rate and of the
     frequency above the centre, both over `scale` [1/s], and the exponent.
@@ -418,7 +418,7 @@ def fit_decay(
     weight: Reals,
     cause: DecayCause | None = None,
 ) -> ModeFit:
-    """Fit a mode with given powers of amplitude to a decay, and an additional cause if given.
+    """Fit a mode to a decay, with a rate and a frequency that vary by given powers of amplitude.
 
     Args:
         signal: Decay from `decay_signal`.
@@ -426,7 +426,8 @@ def fit_decay(
         start: Starting values, as `decay_model` takes them.
         scale: Unit of rates [1/s].
         weight: Weight of every value: one over its standard deviation.
-        cause: Additional cause that may have shaped the record.
+        cause: Additional cause that may have shaped the record, such as a jump; fitted together
+            with the mode.
     """
     basis, count = BASES[name], len(start)
 

@@ -302,7 +302,7 @@ def fit_sweep(
     weight: Reals,
     cause: SweepCause | None = None,
 ) -> ModeFit:
-    """Fit a mode with given powers of amplitude to a sweep, optionally with a cause of misfit.
+    """Fit a mode to a sweep, with a rate and a frequency that vary by given powers of amplitude.
 
     If the drive is a force, all gains except that of the initial state are real.
 

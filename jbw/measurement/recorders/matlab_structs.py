@@ -1,4 +1,4 @@
-"""MATLAB: tables and timetables as structs, and structs of arrays with their units and a rate.
+"""MATLAB structs: exported tables and timetables, and arrays stored with their units and a rate.
 
 Files: .mat
 Recognised by: `Properties.VariableNames` and `Properties.VariableUnits`; or arrays with a field

@@ -103,9 +103,9 @@ class BoucWenNu(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds for softening and loop opening of order one at the largest motion.
+        """Return prior bounds that allow softening and loop opening of order one at large motion.
 
-        This holds for nu = 1.
+        The bounds refer to the largest displacement and to nu = 1.
         """
         share, part = FORCED_SHARE if scales.forced else SHARE, REFERENCE / scales.y_peak
         return {

@@ -119,7 +119,7 @@ def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscill
 
 
 def modal_structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
-    """Return the structure of several modes; uncoupled modes have a joint with laws each."""
+    """Return the structure of several modes; each uncoupled mode has its own joint and laws."""
     apart = modes_apart(theta, laws)
     if apart is None:
         return structure_of(theta, laws)

@@ -19,8 +19,8 @@ _PER_MODE = ("omega_n", "zeta", "b")
 # Relative distance to a higher harmonic within which a mode is excited by a lower mode.
 _NEAR = 0.05
 _ORDERS = (3, 5)
-# A joint counts as not moved by a mode if its relative motion is smaller than this, which is
-# rounding.
+# A joint counts as not moved by a mode if its motion in this mode, divided by its largest motion in
+# any mode, is below this limit: such a motion is rounding error.
 _UNMOVED = 1e-8
 # Tolerance on the joints' share of the stiffness, which may reach 1.
 _ROUND_OFF = 1e-9

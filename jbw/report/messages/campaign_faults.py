@@ -55,7 +55,11 @@ def typographic(typed: str) -> str:
 
 def mended(number: int, line: str, alike_lines: Sequence[int]) -> str:
     """Return the remedy for a mistake: the corrected line, and the next line with this mistake."""
-    more = f" Correct line {alike_lines[0]} in the same way." if alike_lines else ""
+    more = (
+        f" Line {alike_lines[0]} has the same mistake: correct that line too."
+        if alike_lines
+        else ""
+    )
     return f"Write line {number} as `{line}`.{more}"
 
 

@@ -24,7 +24,7 @@ def put_wider_band(low: float, high: float) -> str:
 
 
 def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
-    """Return the message that a record begins before its blow [s], with a `settle` [s] to state."""
+    """Return the message on a record that begins before its blow, with a `settle` to state [s]."""
     return FaultText(
         f"The blow comes {blow_s:.3g} s after the start of the record"
         + (f" and its `settle` of {settle_s:g} s." if settle_s > 0 else "."),
@@ -43,7 +43,7 @@ def read_from_blow(test: str, first: str, last: str, count: int, of: int) -> str
 
 
 def still_driven(steady_s: float, settle: str) -> FaultText:
-    """Return the message that a decay is driven until a time [s], with a `settle` [s] to state."""
+    """Return the message on a decay that is driven at first, with a `settle` to state [s]."""
     return FaultText(
         f"The motion is steady for the first {steady_s:.3g} s and decays only after that.",
         "During the steady motion the structure was driven; a fit as a free decay would find a "
@@ -53,7 +53,7 @@ def still_driven(steady_s: float, settle: str) -> FaultText:
 
 
 def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultText:
-    """Return the message that a decay jumps at a time [s], its size, and the remedy."""
+    """Return the message on a jump within a decay: its time [s], its relative size, the remedy."""
     return FaultText(
         f"At {at_s:.3g} s the motion jumps by {size:.2g} of its amplitude"
         + (

@@ -53,17 +53,17 @@ def energy_of(shares: str) -> str:
 
 
 def secant(stiffness: str, unit: str) -> str:
-    """Return the label of the line from tip to tip of a loop: its slope."""
+    """Return the label of a loop's secant, the line from tip to tip, with its slope."""
     return f"secant {stiffness} {unit}"
 
 
 def model_residual(error: str) -> str:
-    """Return the label of a record's residual, with the error."""
+    """Return the title of a record's residual, with the model's RMS error relative to its rms."""
     return f"residual of the model: {error}"
 
 
 def taken_by_slip(stiffness: str) -> str:
-    """Return the label of the axis of the hysteretic force minus its elastic part."""
+    """Return the label of an axis that shows the hysteretic force minus its elastic part."""
     return f"force lost by slip, Z − {stiffness} y"
 
 
@@ -89,7 +89,7 @@ def fold(mode: str, amplitude: str) -> str:
 
 
 def loop_areas(count: int, largest: str) -> str:
-    """Return the label of the loops in the flow diagram: their number and largest area error."""
+    """Return the label of the flow diagram's loops, with their number and largest area error."""
     return f"{count} loops, error of the model's loop areas at most {largest}"
 
 

@@ -204,11 +204,12 @@ MESSAGES = (
     ),
     Message(
         "leave_one_out",
-        "A fit without session {test} changes {name} by {moves:.1f} standard deviations of a "
-        "change by chance; the limit is {limit:g}, and no other session has so large an effect.",
+        "Without session {test}, the fitted value of {name} changes by {moves:.1f} times the "
+        "standard deviation that chance would cause; the limit is {limit:g}, and no other session "
+        "has so large an effect.",
         """
-        Check: the change of the fit without each session, divided by the standard deviation of
-        a change by chance; the ratio must be below 4.
+        Check: the change of the fit without each session, divided by the standard deviation that
+        chance would cause; the ratio must be below 4.
 
         Sessions that need different parameters contradict each other: the joint depends on
         amplitude in another way than the model, or the structure changed between them.

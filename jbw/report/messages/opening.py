@@ -242,8 +242,11 @@ def next_step(remedy: str) -> str:
 
 
 def by_the_fit(identified: Sequence[str]) -> str:
-    """Return the line of the terminal that lists parameters from the fit alone."""
-    return f"From the fit alone; the posterior is not assessed: {'; '.join(identified) or 'none'}"
+    """Return the terminal's line on the parameters that the fit identifies, before sampling."""
+    return (
+        "Identified from the fit alone (the posterior is not assessed): "
+        f"{'; '.join(identified) or 'nothing'}"
+    )
 
 
 def headline(identified: Sequence[str], *, quick: bool) -> str:

@@ -21,7 +21,7 @@ FOLDED = FaultText(
 def unequal_lengths(lengths: str) -> FaultText:
     """Return the message that channels have different lengths."""
     return FaultText(
-        f"Channels must have equal lengths, but {lengths} samples.",
+        f"Channels must have equal lengths, but their numbers of samples differ: {lengths}.",
         "To cut the longer channel, one would have to assume that both channels begin together.",
         "Export the channels together, or name channels that were sampled together.",
     )

@@ -10,7 +10,7 @@ SD_RATIO = (
     "all tests"
 )
 WITH_FREQUENCY = ", with a separate natural frequency"
-Z_SCORE = "change of the fit divided by the standard deviation of such a change by chance"
+Z_SCORE = "change of the fit divided by the standard deviation that chance would cause"
 WIDER_WITHOUT = (
     "standard deviation from a fit without this run / standard deviation from the fit to all runs"
 )
