@@ -157,7 +157,7 @@ def test_a_step_that_is_not_calibrated_is_exit_code_4(tmp_path, capsys):
         ({"step": "fourth"}, "`step` must be one of linear, third_order, opening, joint"),
         ({"sampler": "gibbs"}, "`sampler` must be one of nuts"),
         ({"noise": "none"}, "`noise` must be one of unknown, known"),
-        ({"step": "opening", "sampler": "importance"}, "does not have"),
+        ({"step": "opening", "sampler": "importance"}, "has no fit"),
         ({"step": "linear", "sampler": "nuts"}, "come from a Gaussian approximation"),
         ({"num_replications": 0}, "`num_replications` must be at least 1"),
     ],
