@@ -51,6 +51,7 @@ from jbw.observables.decay import Decays
 from jbw.observables.decay_drift import drift_of, left_out_decay
 from jbw.observables.noise import with_fitted_noise
 from jbw.report.messages import discrepancy as messages
+from jbw.results.attributes import DecayConstants
 from jbw.verification.decays import _with_discrepancy, drifted
 from jbw.verification.predict import Request, predict
 from jbw.verification.predictive_basis import Basis
@@ -365,7 +366,7 @@ def learned(hardening, noisy=None):
         },
         {"record": list(data.labels)},
     )
-    facts = {"shift_std": float(data.parts[0].shift_std), "worth": 1.0}
+    facts = DecayConstants(shift_std=float(data.parts[0].shift_std), worth=1.0)
     bare = Basis(posterior, {}, {}, y_peak, (), 1, posterior, facts, ())
     return found, bare, replace(bare, discrepancy=discrepancy_in(found))
 

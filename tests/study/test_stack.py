@@ -12,6 +12,7 @@ from jbw.errors import DataError
 from jbw.law_comparison.answers import weights_for
 from jbw.law_comparison.compare import LawComparison
 from jbw.law_comparison.stack import basis_of_laws, holds_laws
+from jbw.results.attributes import DecayConstants
 from jbw.results.laws import StoredLaw
 from jbw.study.store import write_json
 from jbw.verification.planned import planned_sweep, planned_tones
@@ -30,7 +31,9 @@ def posterior(omega_n, **more):
 
 
 def basis(omega_n, laws=(), **more):
-    return Basis(posterior(omega_n, **more), {}, {}, 1e-3, (), 1, posterior(omega_n), {}, laws)
+    return Basis(
+        posterior(omega_n, **more), {}, {}, 1e-3, (), 1, posterior(omega_n), DecayConstants(), laws
+    )
 
 
 def magnitude(omega_n):
