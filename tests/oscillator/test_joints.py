@@ -316,7 +316,7 @@ def test_what_cannot_be_meant_is_refused_in_one_sentence(changed, error, said):
 @pytest.mark.slow
 def test_the_substeps_that_are_named_suffice():
     fast = replace(pair(), omega_n=np.array([118.0, 9e3]))
-    with pytest.raises(ConfigError, match=r"at most pi\.\n.*`substeps=9`"):
+    with pytest.raises(ConfigError, match=r"at most pi rad\.\n.*`substeps=9`"):
         jbw.simulate(fast, chirped(64), FS)
     jbw.simulate(fast, chirped(64), FS, substeps=9)
 
