@@ -46,6 +46,8 @@ PAGES = "test_remedies.py::test_a_line_of_a_page_is_taken"
 JOINTS = "campaign/test_joint_tables.py::"
 BOLTS = "identification/test_two_bolts.py::"
 PASTED = {
+    ("report/messages/campaign_faults.py", "modal_mass"): "study/test_base_and_force.py::"
+    "test_both_drives_without_a_mass_are_refused_with_the_line_to_paste",
     ("assembly/reduce.py", "damping"): JOINTS
     + "test_damping_that_nothing_states_is_refused_and_the_remedy_cures",
     ("assembly/reduce.py", "holds_joints"): JOINTS

@@ -1,5 +1,7 @@
 """A campaign with sweeps by a force and on a moving base: both gains, and both predictions."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -11,6 +13,8 @@ from jbw.errors import ConfigError
 FS, SECONDS, G, MASS = 512.0, 8.0, 9.80665, 0.8
 TRUTH = {"omega_n": 2 * np.pi * 20.0, "zeta": 0.006, "gain": 1 / MASS, "gain_base": 1.4}
 JOINT = {"alpha": 0.12 * TRUTH["omega_n"] ** 2, "delta": 310.0, "gamma": 310.0}
+
+PUT = re.compile(r"Put under \[([\w.\[\]]+?)\]: `([^`]+)`")
 
 
 def swept(level, gain):
@@ -85,5 +89,8 @@ def test_one_joint_is_found_from_both_drives_and_predicts_both(tmp_path):
 
 @pytest.mark.parametrize("head", ["", "gain = 1.4"])
 def test_both_drives_without_a_mass_are_refused_with_the_line_to_paste(tmp_path, head):
-    with pytest.raises(ConfigError, match=r"modal_mass = 1\.0"):
+    with pytest.raises(ConfigError, match=r"modal_mass = 1\.0") as refused:
         jbw.load_campaign(written(tmp_path, head))
+    ((table, line),) = PUT.findall(str(refused.value))
+    assert table == "campaign"
+    assert jbw.load_campaign(written(tmp_path, line)).modal_mass == 1.0

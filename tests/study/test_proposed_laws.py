@@ -83,7 +83,7 @@ def test_laws_are_fitted_until_one_leaves_noise_alone(tmp_path, law):
     measured, theta, sentence = chosen(seen, ("quintic", law, "bouc_wen"), 0, lambda _: None)
     assert measured.laws == (law,)
     assert law in theta
-    assert "that of quintic " in sentence
+    assert "errors of other laws: quintic " in sentence
     assert "bouc_wen" not in sentence
     assert pasted(sentence).laws == (law,)
 
