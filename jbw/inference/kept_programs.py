@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from functools import partial, update_wrapper
+from functools import cache, partial, update_wrapper
 from importlib.metadata import version
 from threading import Lock
 from typing import Any
@@ -71,7 +71,7 @@ class KeptProgram[**P, R]:
             with self._lock:
                 if key not in self._programs:
                     self._programs[key] = _program(self._function, (args, kwargs), arrays)
-        program = self._programs[key]
+        program = self._programs.get(key)  # None, too, if another thread has just released it
         return self._compiled(*args, **kwargs) if program is None else program(*arrays)
 
     def forget(self) -> None:
@@ -88,19 +88,18 @@ def _program[R](
 ) -> Callable[..., R] | None:
     """Return the program of a function of the arrays alone; None if it cannot be kept."""
     try:
-        named = f"{function.__module__}.{function.__qualname__}", arguments, _versions()
+        state = *_versions(), jax.default_backend(), str(jax.config.jax_enable_x64)
+        named = f"{function.__module__}.{function.__qualname__}", arguments, state
         name = hashlib.sha256(_text(named).encode()).hexdigest()
     except _UnnamedError:
         return None
     program = _opened(cached(FOLDER, name))
     if program is None:
-        leaves, tree = jax.tree.flatten(arguments)
-        places = [i for i, leaf in enumerate(leaves) if eqx.is_array(leaf)]
+        dynamic, static = eqx.partition(arguments, eqx.is_array)
+        tree = jax.tree.structure(dynamic)
 
         def of_arrays(*values: Any) -> R:
-            for i, value in zip(places, values, strict=True):
-                leaves[i] = value
-            args, kwargs = jax.tree.unflatten(tree, leaves)
+            args, kwargs = eqx.combine(jax.tree.unflatten(tree, values), static)
             return function(*args, **kwargs)
 
         try:
@@ -122,10 +121,10 @@ def _opened(content: bytes | None) -> jax.export.Exported | None:
     return jax.export.deserialize(bytearray(program))
 
 
+@cache
 def _versions() -> tuple[str, ...]:
     packages = "jax", "jaxlib", "equinox", "diffrax", "optimistix", "numpyro"
-    state = jax.default_backend(), str(jax.config.jax_enable_x64)
-    return (sources_of("jbw"), *map(version, packages), *state)
+    return (sources_of("jbw"), *map(version, packages))
 
 
 def _form(array: Any) -> tuple[Any, ...]:
