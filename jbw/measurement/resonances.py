@@ -231,16 +231,22 @@ def _through(
     return omega_n, damping, float(residual), float(sds[0]), float(sds[1])
 
 
+def real_coefficients(
+    columns: Complex[np.ndarray, "line column"], target: Complexes
+) -> Float[np.ndarray, " column"]:
+    """Return the real coefficients with which complex columns fit a target by least squares."""
+    scale = np.linalg.norm(columns, axis=0)
+    stacked = np.concatenate([(columns / scale).real, (columns / scale).imag])
+    return np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
+
+
 def oscillator_through(omega: Reals, u: Complexes, y: Complexes) -> dict[str, float]:
     r"""Return omega_n [rad/s], zeta and gain of an oscillator by linear least squares, y in m.
 
     $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U = \omega^2\,Y$$
     """
     columns = np.column_stack([y, 1j * omega * y, -u])
-    scale = np.linalg.norm(columns, axis=0)
-    target = omega**2 * y
-    stacked = np.concatenate([(columns / scale).real, (columns / scale).imag])
-    coefficients = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
+    coefficients = real_coefficients(columns, omega**2 * y)
     omega_n = float(np.sqrt(max(coefficients[0], np.min(omega) ** 2)))
     return {
         "omega_n": omega_n,

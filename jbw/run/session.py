@@ -36,9 +36,9 @@ def prepare_process() -> None:
 
     It must run before JAX starts. Compiled code (`keep_compiled`) and the programs that it comes
     from (`keep_programs`) are kept in the user's cache folder; JAX_ENABLE_COMPILATION_CACHE=0 turns
-    that off. Linear algebra has one thread
-    unless the environment states a number: OpenBLAS's threads spin while they wait, which does not
-    speed up a fit, and next to another busy process costs it seconds for 8 ms of work.
+    that off. Linear algebra has one thread unless the environment states a number: OpenBLAS's
+    threads spin while they wait, which does not speed up a fit, and next to another busy process
+    costs it seconds for 8 ms of work.
     """
     flags = os.environ.get("XLA_FLAGS", "")
     if "host_platform_device_count" not in flags and (os.cpu_count() or 1) > 1:

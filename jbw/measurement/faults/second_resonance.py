@@ -25,7 +25,14 @@ from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypothesis import ODDS
 from jbw.measurement.faults.second_mode import beside
 from jbw.measurement.records import Record
-from jbw.measurement.resonances import HALF_WIDTHS, WIDE, driven_band, driven_lines, read_lines
+from jbw.measurement.resonances import (
+    HALF_WIDTHS,
+    WIDE,
+    driven_band,
+    driven_lines,
+    read_lines,
+    real_coefficients,
+)
 from jbw.report.messages import decay_faults as messages
 
 ROUNDS = 6  # number of weighted fits
@@ -98,11 +105,7 @@ def _fitted(omega: Reals, source: Complexes, y: Complexes, modes: int) -> _Ratio
     )
     weight, fits = np.ones(len(omega)), []
     for _ in range(ROUNDS):
-        weighted, target = weight[:, None] * columns, -weight * own * s**order
-        scale = np.linalg.norm(weighted, axis=0)
-        stacked = np.concatenate([(weighted / scale).real, (weighted / scale).imag])
-        both = np.concatenate([target.real, target.imag])
-        coefficients = np.linalg.lstsq(stacked, both)[0] / scale
+        coefficients = real_coefficients(weight[:, None] * columns, -weight * own * s**order)
         below = s**order + powers[:, 1:] @ coefficients[:order]
         model = -(columns[:, order:] @ coefficients[order:]) / below
         square = float(np.mean(np.abs(own - model) ** 2))
