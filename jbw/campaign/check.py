@@ -40,7 +40,6 @@ from jbw.measurement.faults.second_resonance import second_resonance
 from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
-from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record, is_sampled, share_clock
 from jbw.measurement.spans import in_whole_periods, toml_list
 from jbw.measurement.spectra import strongest_line
@@ -171,7 +170,7 @@ class _CheckedTest:
             record, test, self.first, per_unit=per_unit, laws=spec.laws, of_one_mode=of_one
         )
         spoilt = worst(faults) == "error"
-        stated = () if self.first or spoilt else tuple(_stated(record, test, spec))
+        stated = () if self.first or spoilt else tuple(_stated(record, test, spec, faults))
         self.codes |= {DataError.exit_code} if spoilt else set()
         self.codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
         self.named += [(record.name, fault) for fault in (*faults, *stated)]
@@ -244,12 +243,18 @@ def _unlike_gains(
 
 
 def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
-    """Return a sweep's name with the gain fitted to it; an empty list for other records."""
+    """Return a sweep's name with the gain fitted to it; an empty list for other or faulty records.
+
+    Faults of time, such as a lag, change the sign of the fitted gain.
+    """
     driven = any(role in record.channels for role in INPUTS)
     if not (test.traits.is_transient and driven):
         return []
-    reading = examined_sweep(record, test.band, test.delay).reading
-    if reading is None or reading.residual > OF_ONE_MODE or np.isnan(reading.gain):
+    examined = examined_sweep(record, test.band, test.delay)
+    reading = examined.reading
+    if examined.faults or reading is None or not reading.holds:
+        return []
+    if reading.residual > OF_ONE_MODE or np.isnan(reading.gain):
         return []
     return [(record.name, reading.gain)]
 
@@ -360,12 +365,13 @@ def findings(
     doubtful = partial(_doubtful, per_unit=per_unit, laws=laws, of_one_mode=of_one_mode)
 
     def look(record: Record, test: TestSpec) -> list[Fault]:
-        stated = _contradicting(record, test, first)
+        stated = [*_contradicting(record, test, first), *_too_short(record, test)]
         if worst(stated) == "error":
             return stated
         return [*stated, *doubtful(record, test, first)]
 
-    doubts = [] if worst(facts) == "error" else doubtful(record, test, first)
+    is_spoilt = worst(facts) == "error" or any(fault.spoils for fault in facts)
+    doubts = [] if is_spoilt else doubtful(record, test, first)
     # Contradictions between file and campaign are certain; of their remedies, only cuts of the
     # record are tried.
     certain = [fault for fault in facts if not SPAN.search(fault.remedy)]
@@ -373,7 +379,7 @@ def findings(
         replace(fault, remedy=in_whole_periods(fault.remedy, record, test.periods))
         for fault in [*(fault for fault in facts if fault not in certain), *doubts]
     ]
-    return (*certain, *tried(uncertain, certain, record, test, look, _reading))
+    return (*certain, *tried(uncertain, certain, record, test, look, _examined))
 
 
 def has_one_mode(spec: CampaignSpec) -> bool:
@@ -429,11 +435,6 @@ def _examined(record: Record, test: TestSpec) -> Examined | None:
     if test.traits.is_transient and any(x in record.channels for x in INPUTS):
         return examined_sweep(record, test.band, test.delay)
     return None
-
-
-def _reading(record: Record, test: TestSpec) -> ModeReading | None:
-    examined = _examined(record, test)
-    return None if examined is None else examined.reading
 
 
 def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
@@ -497,17 +498,21 @@ def _fits_curve(record: Record, test: TestSpec) -> Iterator[FaultText]:
         yield messages.no_line_in_band((freq.min(), freq.max()), test.band)
 
 
-def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Fault]:
+def _stated(
+    record: Record, test: TestSpec, spec: CampaignSpec, faults: Sequence[Fault]
+) -> Iterator[Fault]:
     """Yield warnings about keys that a test states or lacks, judged by its first record.
+
+    Several modes are searched only in a record without other `faults`, which may look like modes.
 
     `jbw look` also reads decays without a band; an identification leaves them out.
     """
     if test.traits.is_free and test.band is None:
         yield from responses.bandless(record, test.settle)
-    elif test.traits.is_free and test.band is not None and test.band[1] < record.fs / 2:
-        yield from responses.too_short(record, test.band, test.settle)
+    yield from _too_short(record, test)
     driven = test.traits.is_transient and test.traits.is_driven
-    if driven and test.band is None and spec.structure is None and spec.assembled is None:
+    is_whole = spec.structure is None and spec.assembled is None
+    if driven and test.band is None and is_whole and not faults:
         yield from responses.several_resonances(record)
     if test.traits.is_prescribed:
         loop = forced_loop(record, test.delay)
@@ -517,6 +522,12 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
         yield from responses.level_unlike(record, test.level)
 
 
+def _too_short(record: Record, test: TestSpec) -> Iterator[Fault]:
+    """Yield an error for a decay with too few independent values in its band."""
+    if test.traits.is_free and test.band is not None and test.band[1] < record.fs / 2:
+        yield from responses.too_short(record, test.band, test.settle)
+
+
 def _believable(
     record: Record, test: TestSpec, per_unit: float | None, laws: Sequence[str]
 ) -> Iterator[Fault]:
@@ -524,8 +535,9 @@ def _believable(
     driven = any(role in record.channels for role in INPUTS)
     traits = test.traits
     if traits.is_broadband:
-        yield from doubts(record, test.band, test.delay, per_unit)
-        yield from untimely(record, test.delay) if driven else ()
+        late = list(untimely(record, test.delay)) if driven else []
+        yield from doubts(record, test.band, test.delay, per_unit, signed=not late)
+        yield from late
     elif traits.is_transient and driven:
         yield from swapped(record)
         yield from responses.already_moving(record, test.band, test.settle)

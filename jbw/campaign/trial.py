@@ -16,12 +16,12 @@ from pydantic import ValidationError
 
 from jbw.campaign.tables import TestSpec
 from jbw.errors import JbwError
+from jbw.measurement.faults.examine import Examined
 from jbw.measurement.faults.fault import NUMBER, Fault
 from jbw.measurement.files.assemble import unwindowed
-from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.resampled import on_one_clock
-from jbw.measurement.spans import start_of
+from jbw.measurement.spans import SPAN, span_words, start_of
 from jbw.measurement.steady_lines import without_lines
 from jbw.report.messages import remedies
 
@@ -35,7 +35,7 @@ OR = ", or "  # text that separates the alternatives of a remedy
 ALIKE = 0.15
 
 Look = Callable[[Record, TestSpec], Sequence[Fault]]
-Read = Callable[[Record, TestSpec], ModeReading | None]
+Read = Callable[[Record, TestSpec], Examined | None]
 Change = Callable[[Record, Any], Record]
 
 
@@ -55,7 +55,7 @@ def tried(
         record: The record.
         test: Table of its test.
         look: Function that returns the faults of a record under a table.
-        read: Function that returns the reading of the record's mode.
+        read: Function that examines the record's mode; None for kinds without such an examination.
     """
     known = {_kind(fault) for fault in (*stated, *faults)}
 
@@ -99,7 +99,7 @@ def _cures(
             else:
                 record = CHANGES[key](record, value)
         left = look(record, test)
-        if fault.leaves is not None and not _leaves(read(record, test), line[2], fault.leaves):
+        if (examined := read(record, test)) is not None and not _leaves(examined, line[2], fault):
             return False
     except (JbwError, ValueError, ValidationError):
         return False
@@ -115,15 +115,20 @@ def _cures(
     )
 
 
-def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) -> bool:
-    """Return whether a corrected record still has the mode [Hz, -] fitted together with the fault.
+def _leaves(examined: Examined, key: str, fault: Fault) -> bool:
+    """Return whether a corrected record still has the mode that was fitted together with the fault.
 
-    A part of a record (`span`) has other amplitudes, at which a joint has another mode; any reading
-    is accepted then.
+    A part of a record (`span`) has other amplitudes, at which a joint has another mode; any single
+    mode is accepted then, as it is if no mode could be fitted before.
     """
-    if reading is None or key == "span":
-        return reading is not None
-    hz, zeta = mode
+    reading = examined.reading
+    if key == "span":
+        return reading is not None and reading.holds
+    if fault.leaves is None:
+        return True
+    if reading is None or not reading.holds:
+        return False
+    hz, zeta = fault.leaves
     of_hz = abs(reading.linear_hz.value / hz - 1) / zeta
     return max(of_hz, abs(reading.linear_zeta.value / zeta - 1)) < ALIKE
 
@@ -144,7 +149,9 @@ def _of_parts(kept: Sequence[str], parts: Sequence[str]) -> str:
 def _cut(record: Record, span: Sequence[float]) -> Record:
     begins = start_of(record)
     first, last = (max(round((end - begins) * record.fs), 0) for end in span)
-    return replace(record, channels={role: x[first:last] for role, x in record.channels.items()})
+    channels = {role: x[first:last] for role, x in record.channels.items()}
+    place = {SPAN: span_words((span[0], span[1]))}
+    return replace(record, channels=channels, provenance={**record.provenance, **place})
 
 
 def _of_responses(record: Record, change: Callable[[Any], Any]) -> Record:

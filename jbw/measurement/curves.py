@@ -32,6 +32,7 @@ class ForcedLoop(NamedTuple):
     displacement: Reals  # [m]
     force: Reals  # force of the joint [N], positive for positive displacement
     begins: float = 0.0  # time of the first sample within the file [s]
+    is_part: bool = False  # whether the record is a part of a file, so that the joint has moved
 
 
 def response_curve(record: Record) -> MeasuredCurve:
@@ -103,13 +104,15 @@ def forced_loop(record: Record, delay: float = 0.0) -> ForcedLoop:
     _must_have(record, (("displacement",), forces), "a forced loop")
     role = next(role for role in forces if role in record.channels)
     y, force = record.channels["displacement"], record.channels[role]
+    is_part = start_of(record) > 0
     if delay == 0.0:
-        return ForcedLoop(record.fs, y, force, start_of(record))
+        return ForcedLoop(record.fs, y, force, start_of(record), is_part)
     late = delay * record.fs
     at = np.arange(len(y)) + late
     known = (at >= 0) & (at <= len(y) - 1)
     begins = start_of(record) + float(np.argmax(known)) / record.fs
-    return ForcedLoop(record.fs, y[known], np.interp(at[known], np.arange(len(y)), force), begins)
+    moved = np.interp(at[known], np.arange(len(y)), force)
+    return ForcedLoop(record.fs, y[known], moved, begins, is_part)
 
 
 def _must_have(record: Record, alternatives: tuple[tuple[str, ...], ...], what: str) -> None:

@@ -271,21 +271,22 @@ def _amplitudes(cycles: Sequence[Cycle]) -> list[int]:
     return numbers
 
 
-def begins_unmoved(y: Reals) -> bool:
-    """Return whether a displacement begins at zero, where a joint without history has no force."""
-    return bool(abs(y[0]) <= AT_REST * np.ptp(y))
+def begins_unmoved(loop: ForcedLoop) -> bool:
+    """Return whether a loop begins at zero displacement, where an unmoved joint has no force."""
+    y = loop.displacement
+    return not loop.is_part and bool(abs(y[0]) <= AT_REST * np.ptp(y))
 
 
 def lopsided(loop: ForcedLoop) -> float:
     r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$ with the two peak forces F of each cycle.
 
-    If a loop begins at y = 0, its force there is subtracted, since no joint exerts a force there.
+    If a loop begins with an unmoved joint, its force there is subtracted, since it must be zero.
     """
-    y, sides = loop.displacement, [_centre(loop, cycle) for cycle in cycles_of(loop)]
+    sides = [_centre(loop, cycle) for cycle in cycles_of(loop)]
     if not sides:
         return 0.0
     centre, half = np.transpose(sides)
-    offset = loop.force[0] if begins_unmoved(y) else 0.0
+    offset = loop.force[0] if begins_unmoved(loop) else 0.0
     return float(np.median((centre - offset) / np.maximum(half, TINY)))
 
 

@@ -84,21 +84,24 @@ def unbroken_line(
 def clean_part(
     spoilt: Bool[np.ndarray, " time"], power: Float[np.ndarray, " time"]
 ) -> tuple[slice, float]:
-    """Return the segment without bad samples that contains most power, and its share of all."""
+    """Return the segment without bad samples that tells most of a mode, and its share of all power.
+
+    The variance of a frequency or decay rate falls with a segment's energy and squared duration.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[True], spoilt, [True]]).astype(np.int8)))
+    starts, stops = edges[::2], edges[1::2]
     so_far = np.concatenate([[0.0], np.cumsum(np.where(spoilt, 0.0, power))])
-    held = so_far[edges[1::2]] - so_far[edges[::2]]
+    held = so_far[stops] - so_far[starts]
     if not len(held):
         return slice(0, 0), 0.0
-    at = int(np.argmax(held))
-    return slice(int(edges[2 * at]), int(edges[2 * at + 1])), held[at] / max(so_far[-1], 1e-300)
+    at = int(np.argmax(held * (stops - starts) ** 2.0))
+    return slice(int(starts[at]), int(stops[at])), held[at] / max(so_far[-1], 1e-300)
 
 
 def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
     """Return the remedy for bad samples: keep a span without them, or leave out the record.
 
-    The span contains most of the response's energy, because a resonance is there and a decay
-    begins there.
+    The span is long and contains much of the response's energy, as at a resonance.
     """
     role = next(role for role in (*RESPONSES, *record.channels) if role in record.channels)
     x = record.channels[role]
@@ -137,14 +140,6 @@ def kept_before(record: Record, at_s: float) -> str:
     if at_s < LEAST * record.num_samples / record.fs:
         return left_out(record)
     return f"{span_line(0.0, at_s, start_of(record))}, or {exclude_line(record)}"
-
-
-def left_out_from(record: Record, at_s: float) -> str:
-    """Return the remedy for a record that changes at a given time [s], such as a second blow."""
-    if at_s < LEAST * record.num_samples / record.fs:
-        return f"{left_out(record)}."
-    span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]
-    return remedies.leave_out_or_part_before(left_out(record), span)
 
 
 def left_out(record: Record) -> str:

@@ -227,9 +227,6 @@ EXAMPLES = {
         remedies.part_or_leave_out(
             f"{remedies.PUT} {remedies.span(0.0, 1.9)}", remedies.leave_out('["hit_3.mat"]')
         ),
-        remedies.leave_out_or_part_before(
-            f"{remedies.PUT} {remedies.exclude('["hit_3.mat"]')}", remedies.span(0.0, 1.9)
-        ),
         remedies.beside_other_laws('Put under [joint]: `laws = ["bouc_wen", "cubic"]`.'),
     ],
     "residuals": [

@@ -24,6 +24,8 @@ class Fault:
     remedy: str = ""  # what to do
     # Frequency [Hz] and damping ratio after the remedy; None where they cannot be determined.
     leaves: tuple[float, float] | None = None
+    # Whether so many samples are wrong that no other fault can be searched in the record.
+    spoils: bool = False
 
 
 refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")

@@ -37,7 +37,7 @@ class ZeroOfLoadCell(Hypothesis):
 def at_rest(loop: ForcedLoop) -> Reals:
     """Return the force before the motion starts, which must be zero for every law."""
     y = loop.displacement
-    if not begins_unmoved(y):
+    if not begins_unmoved(loop):
         return loop.force[:0]
     return loop.force[: int(np.argmax(np.abs(y - y[0]) > STILL * np.ptp(y)))]
 
@@ -81,9 +81,9 @@ class Slip(Hypothesis):
             motion = loop.displacement.copy()
             motion[first:] -= unlike[place]
             found = fit_loop(basis_of(motion), loop.force)
-            spoilt = np.zeros(len(record.channels["displacement"]), bool)
-            last = skipped + first * every
-            spoilt[last - every + 1 : last + 1] = True
+            # After the slip, the displacement has another zero.
+            count, last = len(record.channels["displacement"]), skipped + first * every
+            spoilt = np.arange(count) > last - every
             at, keep = before + first / loop.fs, kept_part(record, spoilt)
             text = messages.slipped(float(unlike[place]), at, keep)
             yield LoopCause(found.square, text, "displacement")

@@ -115,8 +115,8 @@ def loop_causes(
     """
     whole = forced_loop(record, delay)
     every = -(-len(whole.force) // MOST_SAMPLES)
-    loop = ForcedLoop(
-        whole.fs / every, whole.displacement[::every], whole.force[::every], whole.begins
+    loop = whole._replace(
+        fs=whole.fs / every, displacement=whole.displacement[::every], force=whole.force[::every]
     )
     force = loop.force
     if len(force) < FEWEST or not np.ptp(loop.displacement) or not np.ptp(force):
@@ -148,9 +148,9 @@ def _named(
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
     """Return the columns of stated effects, and those of zero errors that are not stated."""
-    y, basis = loop.displacement, basis_of(loop.displacement)
+    basis = basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
-    if not begins_unmoved(y):
+    if not begins_unmoved(loop):
         # A loop that begins after a motion has a constant force of the stuck sliders.
         known = max(known, 1)
     springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)

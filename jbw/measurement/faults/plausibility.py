@@ -34,10 +34,22 @@ PEAKED = 10.0
 
 
 def doubts(
-    record: Record, band_hz: tuple[float, float] | None, delay: float, per_unit: float | None
+    record: Record,
+    band_hz: tuple[float, float] | None,
+    delay: float,
+    per_unit: float | None,
+    *,
+    signed: bool = True,
 ) -> Iterator[Fault]:
-    """Yield warnings on a noise or multisine record: fs, band, channels, length, size, sign."""
-    # `per_unit` is force per modal mass for one unit of the input: a gain [N/kg/V] or 1/m [1/kg].
+    """Yield warnings on a noise or multisine record: fs, band, channels, length, size, sign.
+
+    Args:
+        record: The record.
+        band_hz: Stated band [Hz]; None for all lines.
+        delay: Stated lag of the response [s].
+        per_unit: Force per modal mass for one unit of the input: a gain [N/kg/V] or 1/m [1/kg].
+        signed: Whether the sign of the gain is checked; a lag changes it.
+    """
     if not any(role in record.channels for role in INPUTS):
         return
     try:
@@ -55,7 +67,7 @@ def doubts(
     freq, h = fine.freq[lines], fine.h[lines]
     if len(freq) >= SEGMENTS and stands_out(h):
         yield from _unresolved(record, fine.resolution_hz, freq, h)
-        yield from _missized(record.response, freq, h, band_hz is not None, per_unit)
+        yield from _missized(record.response, freq, h, signed and band_hz is not None, per_unit)
 
 
 def swapped(record: Record) -> Iterator[Fault]:
@@ -106,14 +118,14 @@ def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes)
 
 
 def _missized(
-    role: str, freq: Reals, h: Complexes, in_band: bool, per_unit: float | None
+    role: str, freq: Reals, h: Complexes, signed: bool, per_unit: float | None
 ) -> Iterator[Fault]:
     """Yield a warning if force per modal mass, 2/pi int Re[j omega H] d omega, is not as stated."""
     omega = 2 * np.pi * freq
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     ratio = 1.0 if per_unit is None else seen / per_unit
     # Without a band, the strongest peak may be another mode, with the opposite sign.
-    if seen < 0 and in_band:
+    if seen < 0 and signed:
         yield turned_over(role, seen)
     elif not 1 / MASS_FACTOR < ratio < MASS_FACTOR:
         yield doubt(role, *gain_messages.other_size(ratio))

@@ -21,7 +21,7 @@ from jbw.measurement.channels import Reals
 from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypothesis import Facts, Fits, Hypothesis
 from jbw.measurement.readings.decay import DecayCause, DecayFits
-from jbw.measurement.spans import left_out_from
+from jbw.measurement.spans import kept_part
 from jbw.report.messages import decay_faults as messages
 from jbw.report.messages.message import FaultText
 
@@ -150,11 +150,13 @@ class SecondBlow(Hypothesis):
         return ENDS < place < 1 - ENDS and GROWTH[0] < growth < GROWTH[1] and size > LEAST
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> FaultText:
-        """Return the text on a jump: time, size, and a remedy that keeps what precedes it."""
+        """Return the text on a jump: time, size, and a remedy that keeps one side of it."""
         place, growth, turn = values
         signal = fits.signal
         at = facts.settle_s + signal.begins + float(place) * float(signal.time[-1])
-        remedy = left_out_from(facts.record, at)
+        record = facts.record
+        from_jump = np.abs(np.arange(record.num_samples) / record.fs - at)
+        remedy = kept_part(record, from_jump < 1 / signal.centre_hz)
         jump = float(abs(np.exp(growth + 1j * turn) - 1))
         return messages.second_blow(at, jump, remedy, grows=bool(growth > GREW))
 

@@ -37,6 +37,7 @@ from jbw.measurement.readings.slow_flow import (
 )
 from jbw.measurement.readings.statement import RecordTable
 from jbw.measurement.readings.sweep import SweepFits
+from jbw.measurement.resonances import MISSED
 
 POINTS = 12  # number of amplitudes in a table
 ABOVE_NOISE = 3.0  # Amplitudes below this multiple of the noise are not used.
@@ -104,6 +105,11 @@ class ModeReading:
     linear_residual: float
     noise: float
     gain: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether a single mode with positive damping fits the record."""
+        return bool(np.median(self.zeta) > 0 and self.residual <= MISSED)
 
     @property
     def hz_sd(self) -> Reals:

@@ -12,9 +12,7 @@ OTHER_LAWS = "Try other laws: jbw laws."
 # patterns that find the texts of the functions below in a remedy
 SPAN = re.compile(r"`span = \[([^,\]]+), ([^\]]+)\]`")
 EXCLUDE = re.compile(r"`exclude = (\[[^`]*\])`")
-ONLY_LEFT_OUT = re.compile(
-    rf"{re.escape(PUT)} `exclude = [^`]*`(?:, or keep the part before the fault: `[^`]*`)?\."
-)
+ONLY_LEFT_OUT = re.compile(rf"{re.escape(PUT)} `exclude = [^`]*`\.")
 OR_LEFT_OUT = re.compile(r",? or leave the records? out: `exclude = [^`]*`")
 # table with one role: its factor or unit
 OF_ONE_ROLE = re.compile(r'(scale|units) = \{ (\w+) = (-?[\d.]+|"[^"]+") \}')
@@ -43,11 +41,6 @@ def leave_out(files: str) -> str:
 def part_or_leave_out(part_line: str, leaving_out: str) -> str:
     """Return the remedy: use the part without bad samples, or exclude the record."""
     return f"{part_line}, a part without these samples, or {leaving_out}."
-
-
-def leave_out_or_part_before(exclude_line: str, part: str) -> str:
-    """Return the remedy: exclude the record, or keep the part before the fault."""
-    return f"{exclude_line}, or keep the part before the fault: {part}."
 
 
 def put(table: str, key: str, value: Any) -> str:
