@@ -126,7 +126,7 @@ def require_memory(held: HeldRecords, last: str) -> None:
     if needed > most:
         raise DataError(
             f"The records up to {last} need about {needed / 2**30:.1f} GiB, but this process may "
-            f"take {most / 2**30:.1f} GiB.",
+            f"use {most / 2**30:.1f} GiB.",
             remedy=FEWER_SAMPLES,
         )
 
@@ -143,7 +143,7 @@ def admit_alone(samples: int, channels: int, name: str) -> None:
 def out_of_memory(error: BaseException) -> RunError:
     """Return the error of a process that has run out of memory."""
     return RunError(
-        f"The memory that this process may take ({most_memory() / 2**30:.1f} GiB) is exhausted: "
+        f"The memory that this process may use ({most_memory() / 2**30:.1f} GiB) is exhausted: "
         f"{' '.join(str(error).split()) or 'no size is stated'}.",
         remedy=FEWER_SAMPLES,
     )

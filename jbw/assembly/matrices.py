@@ -26,7 +26,8 @@ from jbw.assembly.units import in_si, system_named
 from jbw.errors import DataError, ModelError
 from jbw.report.messages import matrices as messages
 
-# asymmetry of entries, relative to sqrt(A_ii A_jj), that is round-off, and that is too large
+# limits of the asymmetry of entries, relative to sqrt(A_ii A_jj): below the first limit it is
+# round-off, above the second limit it is an error
 _ROUND_OFF, _ASYMMETRIC = 1e-10, 1e-6
 # Fraction of the diagonal that is added before negative pivots of a mass matrix are counted.
 _SEMIDEFINITE = 1e-12

@@ -378,8 +378,8 @@ def _require_participation(
             raise _immovable(joint, "no mode up to `to_hz` moves this joint")
         if not row[rigid].all():
             warnings.warn(
-                f"Joint `{joint.name}` is moved by a rigid-body mode. Is it a joint to ground, or "
-                "is slip stated by rotations without the axial degrees of freedom?",
+                f"A rigid-body mode moves joint `{joint.name}`. Check that the joint leads to "
+                "ground; if rotations state its slip, add the axial degrees of freedom.",
                 stacklevel=4,
             )
 

@@ -135,8 +135,8 @@ def _indefinite(lowest: float) -> ModelError:
         "Matrix K with fully stuck joints must be positive semidefinite, but its lowest "
         f"eigenvalue is {lowest:.4g} rad^2/s^2.",
         why="The structure would be unstable: a small motion would grow.",
-        remedy="Is K the matrix of a preloaded, buckled structure, or are the units of M and K "
-        "different?",
+        remedy="Check whether K is the matrix of a preloaded, buckled structure, and whether M and "
+        "K have the same system of units.",
     )
 
 

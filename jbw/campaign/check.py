@@ -372,8 +372,8 @@ def findings(
 
     is_spoilt = worst(facts) == "error" or any(fault.spoils for fault in facts)
     doubts = [] if is_spoilt else doubtful(record, test, first)
-    # Contradictions between file and campaign are certain; of their remedies, only cuts of the
-    # record are tried.
+    # Contradictions between file and campaign are certain, so that their remedies are not tried,
+    # except cuts of the record.
     certain = [fault for fault in facts if not SPAN.search(fault.remedy)]
     uncertain = [
         replace(fault, remedy=in_whole_periods(fault.remedy, record, test.periods))

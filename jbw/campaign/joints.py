@@ -330,8 +330,8 @@ def _refuse_stated_twice(spec: CampaignSpec) -> None:
     if spec.instruments.is_stated:
         raise ConfigError(
             "[campaign]: errors of instruments are not allowed if [structure] has `matrices`.",
-            why="The effect of these errors on the parameters of several joints cannot be computed "
-            "yet.",
+            why="The effect of errors of instruments on the parameters of several joints cannot be "
+            "computed yet.",
             remedy="Leave the errors of instruments out of [campaign].",
         )
 

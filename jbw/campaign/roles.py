@@ -134,7 +134,7 @@ def _si_of_role(role: str) -> str:
 
 
 def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
-    """Classify an amplitude in a table of frequencies as the response that its unit indicates."""
+    """Assign the amplitudes in a table of frequencies to the response that their unit indicates."""
     amplitude = roles["input"]
     for role in RESPONSES:
         unit = amplitude.unit or _behind(last_name(amplitude.path), role)

@@ -136,10 +136,9 @@ class TestSpec(FileTable):
     )
     drive: Literal["voltage", "current", "force", "base", "none"] | None = key(
         None,
-        "source of the test; in a free decay, the shaker that remains attached: with voltage or "
-        "current the shaker moves with the structure; by default from the unit of the input, force "
-        "if a force is the source, base if the acceleration of the base is the source, none for a "
-        "decay",
+        "source of the test; for a free decay, the drive of the shaker that stays attached (with "
+        "voltage or current the shaker moves with the structure); by default none for a decay, and "
+        "otherwise the source that the role or the unit of the input indicates",
         "voltage",
     )
     relative_to_base: StrictBool = key(
@@ -345,7 +344,10 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
         )
     prescribed = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_prescribed)
     if test.load_cell != "exact" and not test.traits.is_prescribed:
-        yield f"load_cell: for kind {prescribed} only, where the force is measured."
+        yield (
+            f"load_cell: for kind {prescribed} only, where the force is measured; leave "
+            "`load_cell` out of this test."
+        )
     # A transform spreads one bad sample over all frequencies, and a simulation needs the whole
     # input; only a curve may therefore omit points.
     if not is_curve and test.gaps == "mask":
@@ -358,7 +360,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if test.resample and test.band and 2 * test.band[1] > test.resample:
         yield (
             f"resample: must be at least twice the end of band, {test.band[1]:g} Hz, but is "
-            f"{test.resample:g}; nothing remains above half of it."
+            f"{test.resample:g}; resampling removes all frequencies above half of `resample`."
         )
     if test.point in test.points:
         yield f"points: must differ from `{test.point}`, which is the test's own `point`."

@@ -184,7 +184,10 @@ def _excluded(value: Any) -> tuple[int | str, ...]:
         if isinstance(item, bool) or not isinstance(item, int | str):
             raise ValueError(f"must be a list of repeat numbers or file names, but is {value!r}.")
         if isinstance(item, int) and item < 0:
-            raise ValueError(f"repeats are counted from zero, but one is {item}.")
+            raise ValueError(
+                f"must not contain a negative repeat number, but contains {item}; repeats are "
+                "counted from zero."
+            )
     return tuple(items)
 
 

@@ -55,7 +55,7 @@ class Teller:
         self._console = console
         self._rewrites = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
-        # the table of chains, among those lines that are overwritten
+        # the table of chains, which is a part of the lines that are overwritten
         self._chains: Table | None = None
         self._lock = threading.RLock()  # a lock, because `beat` runs in a separate thread
         self._started = perf_counter()

@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # these modules load pydantic
     "--chains", "num_chains", default=4, show_default=True, help="Chains of each sampler."
 )
 @click.option(
-    "--once", is_flag=True, help="Run each sampler once; this gives no time without compiling."
+    "--once", is_flag=True, help="Run each sampler once; the times then include compilation."
 )
 @seed_option("run")
 @out_option("DIR/compare-STEP")

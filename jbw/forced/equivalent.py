@@ -139,7 +139,7 @@ class EquivalentMotion:
         return real + 1j * imag
 
     def moved_along(self, y: Values, omega: Values) -> tuple[Values, Values]:
-        """Return the power of the force, and the kinetic energy, over those of the mode alone.
+        """Return power of the force and kinetic energy, each over the value of the mode alone.
 
         Both are 1 if the other modes do not move.
         """

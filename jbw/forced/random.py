@@ -265,8 +265,8 @@ def _require_power(density: Values, omega_n: Values) -> None:
 def _require_levels(period: Values) -> None:
     if not np.all(np.isfinite(period)):
         raise ModelError(
-            "The joint must keep a positive stiffness at every amplitude of the motion, but loses "
-            f"it in {np.sum(~np.all(np.isfinite(period), -1))} of {len(period)} draws.",
+            "The joint must keep a positive stiffness at every amplitude of the motion, but does "
+            f"not in {np.sum(~np.all(np.isfinite(period), -1))} of {len(period)} draws.",
             remedy="Use a lower level, or simulate the motion by `jbw.simulate`.",
         )
 

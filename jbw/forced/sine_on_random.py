@@ -31,7 +31,7 @@ from jbw.oscillator.oscillator import Oscillator
 NODES = 48  # number of amplitudes of the mode in the table
 SPAN = (1e-3, 100.0)  # these amplitudes, relative to the rms with a stuck joint
 SAMPLES = 64  # smallest number of samples in a cycle of either frequency
-# integers whose ratio stands for that of the frequencies: range, and smallest sum
+# cycles of the mode, and of the sine, in a closed path: smallest and largest number, smallest sum
 FEWEST, MOST, LEAST_SUM = 3, 21, 15
 LEAST_SINE = 1e-2  # smallest amplitude of a followed sine, relative to that rms
 # relative change of S at which its iteration ends, and largest number of iterations
@@ -97,7 +97,8 @@ def sine_on_random(
     turns = closed_path(omega / float(np.median(motion.omega_n)))
     s = level / np.abs(motion.omega_n**2 - omega**2 + 1j * motion.viscous * omega)
     for _ in range(MOST_ROUNDS):
-        # A sine that is too weak to matter is followed at a size that round-off does not reach.
+        # A sine that is too weak to matter is followed at a larger amplitude, which round-off does
+        # not affect.
         of_mode, of_sine = _tables(single, r, np.maximum(s, LEAST_SINE * scale), turns)
         beside = MotionBesideSine(single.joint, table=of_mode)
         found = random_response(beside, density, share)
@@ -153,7 +154,8 @@ def _two_tones(
 ) -> Float[Array, "draw node 4"]:
     """Return stiffness and loss of the mode, and of the sine, along a path with both."""
     of_mode, of_sine = turns
-    # The same number of samples in all cycles of one frequency keeps its errors from the other.
+    # All cycles of one frequency have the same number of samples, so that sampling errors of one
+    # frequency do not affect the result for the other frequency.
     count = of_mode * of_sine * -(-SAMPLES // min(turns))
     angle = 2.0 * np.pi * np.arange(2 * count) / count
     phases = of_mode * angle, of_sine * angle

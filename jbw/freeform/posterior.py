@@ -195,8 +195,8 @@ def posterior_of(
     ):
         if unknown := [name for name in given if name not in known]:
             raise ConfigError(
-                f"Argument `{argument}` must name {', '.join(known)}, but names {unknown[0]!r}.",
-                remedy=f"Give one of {', '.join(known)}.",
+                f"Argument `{argument}` must not contain the unknown name {unknown[0]!r}.",
+                remedy=f"Give names from {', '.join(known)}.",
             )
     grid, num, more = rows.grid, len(rows.y), len(terms)
     white = np.zeros((2 * num + more, 2 * num + more))

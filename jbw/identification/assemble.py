@@ -39,7 +39,7 @@ class Measured:
     """The fitted and held-out tests of a campaign, with the line fit of its noise test (Step 2)."""
 
     tests: tuple[Test, ...]
-    chosen: tuple[Test, ...]  # tests that the settings `fit` and `hold_out` leave to be fitted
+    chosen: tuple[Test, ...]  # tests that are fitted according to `fit` and `hold_out`
     settings: Identify
     laws: tuple[str, ...]
     gain: Gain  # gains stated in the campaign [N/kg per unit of the input]

@@ -48,7 +48,8 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
         raise ConfigError(
             "[identify] coordinates must be auto or paper where a structure has several joints, "
             f"but is {settings.coordinates}.",
-            why="For several joints, the parameters of the laws are always sampled themselves.",
+            why="For several joints, the coordinates of the samplers are always the parameters of "
+            "the laws.",
             remedy="Leave `coordinates` out of [identify].",
         )
     _require_first_point(reduced.outputs[0], tests)

@@ -231,9 +231,9 @@ def _shared(
     lowered = {name: (bounds[name][0], scale * bounds[name][1]) for name in free}
     if held >= omega_n**2 or any(low >= high for low, high in lowered.values()):
         raise ConfigError(
-            f"Priors of {', '.join(f'`{name}`' for name in stated)}: the sum of the laws' "
-            f"stiffnesses must stay below omega_n^2, but reaches {held:g} and Step 2 estimates "
-            f"omega_n^2 = {omega_n**2:g}.",
+            "The sum of the laws' stiffnesses must stay below omega_n^2, which Step 2 estimates as "
+            f"{omega_n**2:g}, but the priors of {', '.join(f'`{name}`' for name in stated)} allow "
+            f"a sum of {held:g}.",
             why="The stiffness of each law is a part of the total stiffness, omega_n^2.",
             remedy=f"Lower the upper bounds of {', '.join(stated)} in [identify.prior].",
         )

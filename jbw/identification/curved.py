@@ -34,7 +34,8 @@ from jbw.observables.dataset import Dataset
 Chains = Float[np.ndarray, "chain draw"]
 Draws = Float[np.ndarray, " draw"]
 DISTANCE = 2.0  # distance of the tested points from the fit, in standard deviations
-# limits of the difference of log likelihood at that distance, which is 2 for a Gaussian posterior
+# limits of the fall of the log likelihood from the fit to the tested points; for a Gaussian
+# posterior the fall is 2
 LEAST, MOST = 1.0, 4.0
 SIZE, MOST_ROUNDS = 256, 12  # number of points in a round of weighting, and number of rounds
 # numbers of effective points: above the first one, no further round begins; below the second one,
@@ -121,7 +122,7 @@ def weighted_draws(
 def solvable_draws(
     key: Key[Array, ""], density: Draws, theta: Mapping[str, Draws], data: Dataset
 ) -> tuple[Draws, dict[str, Draws]]:
-    """Return the draws; replace draws for which the model cannot be solved by solvable ones.
+    """Return the draws; for an unsolvable draw, return a draw for which the model can be solved.
 
     A Gaussian reaches parameters that no motion belongs to, at which a posterior is zero. A single
     such draw would leave a prediction without a median.

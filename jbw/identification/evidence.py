@@ -85,7 +85,7 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """The laws' name; it states how modes share joints if the campaign states otherwise."""
+        """The laws' name, with how modes share joints where this differs from the campaign."""
         return name_of(self.laws, self.meet)
 
     @property
@@ -250,7 +250,7 @@ def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
 
 
 def name_of(laws: Laws, meet: str = "") -> str:
-    """Return the name of the laws; add how modes share joints if the campaign states otherwise."""
+    """Return the name of the laws, with how modes share joints unless `meet` is empty."""
     return (" + ".join(laws) or "linear") + MEET.get(meet, "")
 
 

@@ -46,7 +46,8 @@ LEVELS = np.linspace(0.0, 1.0, 9)[1:]
 NUM_HARMONICS = 3
 MAX_TURNS = 2  # largest number of turning points of a joint in a period
 NUM_FREE = 48  # smallest number of posterior draws for which mode shapes depend on amplitude
-SPARE = 3  # smallest number of such posterior draws per parameter
+# smallest number of posterior draws, per parameter, for which mode shapes depend on amplitude
+SPARE = 3
 # names of the parameters of fully stuck modes
 STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)
 

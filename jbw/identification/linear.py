@@ -165,8 +165,9 @@ def checked_smear(frf: FRF, residuals: str, smear: bool | None) -> bool:
     possible = frf.estimator == "h1" and frf.window == "hann"
     if smear and not possible:
         raise ConfigError(
-            "Argument `smear` holds for estimator h1 with a Hann window, "
-            f"but the FRF is {frf.estimator} with {frf.window}."
+            "Argument `smear` may be true only for estimator h1 with a Hann window, but the FRF "
+            f"was estimated by {frf.estimator} with {frf.window}.",
+            remedy="Leave `smear` out.",
         )
     return possible if smear is None else bool(smear)
 

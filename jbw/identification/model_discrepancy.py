@@ -109,7 +109,7 @@ class NoiseSquares(NamedTuple):
 
 
 class Rest(NamedTuple):
-    """The squared residual that shifts of frequency and damping leave, with its expected value."""
+    """The squared residual after shifts of frequency and damping, with its expected value."""
 
     square: float
     mean: float
@@ -133,7 +133,7 @@ class LeftOutRun(NamedTuple):
     rests: Mapping[str, Rest]  # squared residuals relative to the squared response, by kind of test
     is_decay: bool = False
     amplitude: float = np.nan  # amplitude relative to the largest fitted one; NaN if unknown
-    grown: float = 1.0  # factor by which standard deviations grow up to this amplitude
+    grown: float = 1.0  # factor by which standard deviations grow up to `amplitude`
     noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # contribution of noise to `std`
     # matrix $P C$ of the fit without the run, which gives the noise that runs share; None if there
     # is no fit without the run
@@ -239,7 +239,8 @@ def scatter_about_zero(
     by_chance = judged and Rest(chi_square, count, of_chance).is_by_chance
     if chi_square <= count or by_chance:
         return 0.0
-    most = float(np.sum(b / g))  # upper bound of the variance, because the sum for it is at most n
+    # an upper bound of the variance: with this variance, the sum below is at most `count`
+    most = float(np.sum(b / g))
     solution = root_scalar(
         lambda square: float(np.sum(b / (variance + square * g))) - count,
         bracket=(0.0, most),
@@ -372,7 +373,7 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
 class FitOfAll(NamedTuple):
     """Quantities that all held-out runs have in common."""
 
-    num_fits: int  # number of fits without some runs
+    num_fits: int  # number of fits, each of which omits some of the runs
     omega_n: float  # natural frequency of the fit of all runs [rad/s]
     # covariance of the parameters in the fit of all runs
     covariance: Float[np.ndarray, "parameter parameter"]

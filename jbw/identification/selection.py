@@ -30,7 +30,7 @@ def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
     unknown = [name for name in settings.hold_out if name not in names]
     if unknown:
         raise ConfigError(
-            f"Setting `hold_out` must name tests of the campaign, but holds {unknown}.",
+            f"Setting `hold_out` must name tests of the campaign, but names {unknown}.",
             remedy=f"The tests are {', '.join(names)}.",
         )
     kinds = {test.kind for test in tests} if settings.fit is None else settings.fit

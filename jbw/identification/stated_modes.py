@@ -109,7 +109,8 @@ def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> 
             )
         if name in settled_by:
             raise ConfigError(
-                f"[identify.prior] `{name}` must be unknown, but `{settled_by[name]}` sets it.",
+                f"[identify.prior] `{name}` must be an unknown parameter, but "
+                f"`{settled_by[name]}` in [structure] sets its value.",
                 remedy=f"Leave out the prior of `{name}`, or leave out `{settled_by[name]}` in "
                 "[structure].",
             )

@@ -1,4 +1,4 @@
-r"""Fits on the other side of a law's thresholds, such as macroslip or a stop.
+r"""Additional fits that start beyond a threshold of a law, such as macroslip or a stop.
 
 Thresholds divide the parameters by whether the largest motion reached a macroslip, a stop or a
 slip. A fit that starts on one side of a threshold seldom crosses it, even if the data favour the

@@ -52,8 +52,8 @@ from jbw.report.messages import laws as messages
 Laws = tuple[str, ...]
 PREFIX = "tied_"  # prefix of the attributes that store this comparison
 DECISIVE = 3.0  # difference of log evidence that decides between laws: 20 to 1 [nats]
-# Largest number of sets of laws. If changes at single joints exceed it, only a joint without a law
-# is tried at each of them, or no change.
+# Largest number of sets of laws. If sets with another law at one joint exceed this number, only
+# sets with one joint without a law are added; if these exceed it too, no set is added.
 MOST = 12
 
 # laws that are tried by default: no law, elastic laws, and hysteretic laws

@@ -71,7 +71,8 @@ class KeptProgram[**P, R]:
             with self._lock:
                 if key not in self._programs:
                     self._programs[key] = _program(self._function, (args, kwargs), arrays)
-        program = self._programs.get(key)  # None, too, if another thread has just released it
+        # None also if another thread has just released the program
+        program = self._programs.get(key)
         return self._compiled(*args, **kwargs) if program is None else program(*arrays)
 
     def forget(self) -> None:

@@ -121,7 +121,8 @@ def compare(
     unknown = [name for name in samplers or () if name not in SAMPLERS]
     if unknown:
         raise ConfigError(
-            f"Argument `samplers` must name some of {', '.join(SAMPLERS)}, but not {unknown[0]!r}."
+            f"Argument `samplers` may contain only {', '.join(SAMPLERS)}, but contains "
+            f"{unknown[0]!r}."
         )
     record: dict[str, Any] = {}
     if isinstance(campaign, Posterior):

@@ -250,7 +250,7 @@ def _of_errors(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_parameters(rows: Rows) -> Iterator[str]:
-    """Yield sentences on truncated parameters and exceeded thresholds of laws not called worse."""
+    """Yield sentences on truncated parameters and thresholds of laws that are not rated worse."""
     for name, row in rows.items():
         if row.answer == "worse":
             continue

@@ -41,7 +41,8 @@ def channel(x: ArrayLike, name: str) -> Reals:
         raise DataError(
             f"Channel `{name}` must be finite, but {int(bad.sum())} of {samples.size} samples are "
             f"NaN or infinite; the first is sample {where}.",
-            why="A sum over the record would spread one bad sample over every frequency.",
+            why="A Fourier transform of the record would spread one bad sample over every "
+            "frequency.",
             remedy="Use the part of the record that is whole, or repair the file.",
         )
     return samples

@@ -32,7 +32,8 @@ class ForcedLoop(NamedTuple):
     displacement: Reals  # [m]
     force: Reals  # force of the joint [N], positive for positive displacement
     begins: float = 0.0  # time of the first sample within the file [s]
-    is_part: bool = False  # whether the record is a part of a file, so that the joint has moved
+    # whether the record is cut from a longer file, so that the joint moved before its first sample
+    is_part: bool = False
 
 
 def response_curve(record: Record) -> MeasuredCurve:

@@ -255,7 +255,7 @@ def check_tones(tones: Tones, fs: float, num_samples: int, start: float = 0.0) -
     if highest >= (1 - 1e-6) * fs / 2:  # At the Nyquist frequency the sine cannot be observed.
         raise DataError(
             f"Harmonic {num_harmonics} of {omega / (2 * np.pi):.4g} Hz lies at {highest:.4g} Hz, "
-            f"but a record at {fs:g} Hz ends at {fs / 2:g} Hz.",
+            f"but a record sampled at {fs:g} Hz contains frequencies only up to {fs / 2:g} Hz.",
             why="Above half the sampling frequency a harmonic folds back onto another frequency.",
             remedy=f"Sample above {2 * highest:.4g} Hz, or ask for fewer harmonics.",
         )

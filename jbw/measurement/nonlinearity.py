@@ -68,8 +68,8 @@ PERIODS = 10.0  # number of periods of the source in a window
 SPACING = 0.5  # distance of windows, divided by their length
 QUIET = 0.02  # Below this fraction of its largest amplitude, the source drives nothing.
 FEWEST = 4  # smallest number of windows in a sweep
-# A source is no sweep if a tone with its harmonics, fitted in each window, has a larger median
-# residual, relative to the source.
+# largest median residual of a tone with its harmonics, fitted in each window of a sweep, relative
+# to the source; a source with a larger one is not a sweep
 MOST_STRAY = 0.1
 
 
@@ -458,16 +458,18 @@ def swept_harmonics(
     windows = _windows(np.abs(signal), phase, periods)
     if len(windows) < FEWEST:
         raise DataError(
-            f"A sweep must hold {FEWEST} windows of {periods:g} periods, but holds {len(windows)}.",
-            remedy="Sweep more slowly, or shorten `periods`.",
+            f"A sweep must contain {FEWEST} windows of {periods:g} periods, but contains "
+            f"{len(windows)}.",
+            remedy="Sweep more slowly, or reduce `periods`.",
         )
     rows = [_fitted(phase[w], u[w], y[w], fs, num_orders) for w in windows]
     freq, source, response, std, strays = (np.array(x) for x in zip(*rows, strict=True))
     if (stray := float(np.median(strays))) > MOST_STRAY:
         raise DataError(
-            f"The source is no sweep: its amplitude strays by {stray:.0%} within {periods:g} "
-            "periods.",
+            f"The source `u` must be a sweep, but its amplitude varies by {stray:.0%} within "
+            f"{periods:g} periods.",
             why="Noise and multisines have no single phase, which harmonics need.",
+            remedy="Give the record of a sweep or of a tone.",
         )
     return SweptHarmonics(freq, source.T, response.T, std)
 

@@ -91,7 +91,10 @@ def fit_attachment(
         raise DataError(f"Channel `voltage` must be one record, but its shape is {v.shape}.")
     if np.ptp(v) == 0 or np.ptp(x) == 0:
         dead = "voltage" if np.ptp(v) == 0 else "response"
-        raise DataError(f"Channel `{dead}` is constant: it does not determine the attachment.")
+        raise DataError(
+            f"Channel `{dead}` must vary to determine the attachment, but is constant.",
+            remedy=f"Check the sensor of `{dead}`, or give another channel.",
+        )
     freq = np.fft.rfftfreq(len(v), 1 / sampling(fs))
     low, high = passband(band, fs / 2)
     keep = (freq > 0) & lines_within(freq, (low, high))

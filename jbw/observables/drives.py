@@ -63,7 +63,7 @@ def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
 
 
 def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
-    """Return all measured frequencies and damping ratios against amplitude; None without any."""
+    """Return measured frequencies and damping ratios against amplitude; None if there are none."""
     # Only one drive is used, because the damping at small amplitude differs between drives.
     of_one = parts_of("", parts)
     of_parts = (part.shown().amplitude_readings() for part in of_one)

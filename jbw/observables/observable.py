@@ -241,7 +241,7 @@ class Observable(eqx.Module):
         return replace(self, groups=with_slope(self.groups, slope))
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return data with each group's noise from a fit's residuals in the unit of the values."""
+        """Return the data with each group's noise estimated from residuals [unit of values]."""
         return replace(self, groups=with_fitted_noise(residuals, self.groups))
 
     def shown(self, omega_n: float = 1.0) -> Shown:

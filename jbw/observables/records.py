@@ -379,7 +379,10 @@ class Records(Observable):
         """
         joints = self._joints_at(theta, number) if joints is None else joints
         if joints is None:
-            raise TypeError("These records cannot be simulated as a batch of parameter points.")
+            raise TypeError(
+                "Records that are periodic, of several points or of an unsuitable law cannot be "
+                "simulated as a batch: simulate one parameter point at a time."
+            )
         measured = None  # If spectral lines of a band are compared, samples are not.
         if self.lines is None:
             measured = MeasuredResponse(self.mean, self.groups.directions, self.skipped)

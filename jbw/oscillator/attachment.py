@@ -95,7 +95,9 @@ def attached(
     poles = values[values.imag > 0]
     if len(poles) < len(w):
         raise ModelError(
-            "A mode with the attachment is no longer oscillatory: its damping ratio is above 1."
+            "Every mode with the attachment must oscillate, but the damping ratio of a mode is "
+            "above 1.",
+            remedy="Reduce `damping` of the attachment, or check the unit of `shape`.",
         )
     poles = poles[np.argsort(np.abs(poles))]
     return np.abs(poles), -poles.real / np.abs(poles)

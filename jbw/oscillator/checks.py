@@ -149,8 +149,8 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
         )
     elif start_memory and np.any(np.asarray(start_memory[0]) != 0.0):
         raise ConfigError(
-            "Argument `initial` has one z, but there are laws with several internal states, or "
-            "none.",
+            "Argument `initial` contains one z, but the laws of the joint do not have one internal "
+            "state in all.",
             remedy="Give (y, v), or (y, v, memories) with the internal state of every law.",
         )
     expected = jax.tree.structure(joint.at_rest())
@@ -231,9 +231,9 @@ def warn_of_guesses(guesses: Any) -> None:
     if not is_concrete(guesses) or not np.any(count := np.asarray(guesses)):
         return
     warnings.warn(
-        "The motion has more nested loops than a law can remember: it returned "
-        f"{int(np.max(count))} times to load reversals that had been dropped. From there until "
-        "a larger loop closes, the force may be wrong.",
+        "The motion has more nested loops than a law can remember: the motion returned "
+        f"{int(np.max(count))} times to load reversals that had been dropped. After each of these "
+        "returns the force may be wrong until a larger loop closes.",
         stacklevel=3,
     )
 

@@ -104,7 +104,7 @@ def repeated_kernel(
     omega = jnp.asarray(omega)
     if len(powers) != 2 * omega.size:
         raise ConfigError(
-            f"`powers` must hold two numbers for each of the {omega.size} tones, "
+            f"`powers` must contain two numbers for each of the {omega.size} tones, "
             f"but is {tuple(powers)}."
         )
     signed = jnp.stack([omega, -omega], axis=1).ravel()

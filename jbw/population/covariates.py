@@ -41,7 +41,7 @@ def _checked(run: str, stated: Mapping[str, Any]) -> Covariates:
     for name in stated:
         if name not in NAMES:
             raise ConfigError(
-                f"Run {run}: `{name}` is no covariate.",
+                f"Run {run}: `{name}` is not a covariate.",
                 remedy=f"{did_you_mean(name, NAMES)}The covariates are {', '.join(NAMES)}.",
             )
     numbers = {n: _number(run, n, stated[n]) for n in NUMBERS if stated.get(n) not in (None, "")}

@@ -34,7 +34,8 @@ from jbw.population.prior import ALIKE, TORQUE, CovariateDesign, Prior
 from jbw.population.trend import SPREAD, expected
 
 FULL = (500, 1000, 2)  # numbers of warm-up steps, draws and chains of NUTS
-ROUGH = (300, 200, 1)  # the same three numbers, for a first estimate of the variation between units
+# numbers of warm-up steps, draws and chains for a first estimate of the variation between units
+ROUGH = (300, 200, 1)
 # target acceptance rate of NUTS: high, because the density is strongly curved near small tau and
 # correlations near 1
 ACCEPTED = 0.98

@@ -282,7 +282,7 @@ def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
     axes = panels(ax, len(shown), 2, height=0.5 + 0.85 * len(shown), sharex="col")
     for (trace, rank), parameter in zip(axes, shown, strict=True):
         # Each chain's ranks among the draws of all chains are counted in twenty bins, and divided
-        # by the count for even ranks.
+        # by the count that uniformly distributed ranks would have.
         ranks = np.argsort(np.argsort(parameter.draws.reshape(-1), kind="stable"), kind="stable")
         chains = zip(parameter.draws, ranks.reshape(parameter.draws.shape), strict=True)
         for (draws, placed), colour in zip(

@@ -427,7 +427,11 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
     kernel = branch(tree, "verification/h3", "measured_magnitude", "measured_phase")
     present = [name for name in SAMPLERS if f"{name}_magnitude" in kernel]
     if not present:
-        raise DataError("The group /verification/h3 of the result contains no band of the model.")
+        raise DataError(
+            "The group /verification/h3 of the result must contain a band of the model, but does "
+            "not.",
+            remedy="Identify the campaign again: jbw identify CAMPAIGN.toml.",
+        )
     axes = panels(ax, 2, 2, height=4.6, sharex=True)
     freq = frequency(kernel)
     step = np.min(np.diff(np.sort(freq))) if freq.size > 1 else 1.0

@@ -68,7 +68,7 @@ def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
         raise
     except Exception as cause:  # For damaged files, JSON and HDF5 may raise any exception.
         raise DataError(
-            f"The result in {folder} cannot be read, it is damaged: {reason_of(cause)}",
+            f"The result in {folder} cannot be read, because files are damaged: {reason_of(cause)}",
             remedy="Run the identification again, or restore the folder from a copy.",
         ) from cause
     require_finite(tree, folder / "posterior.nc")
@@ -151,7 +151,10 @@ def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
     """Return the group of a result at `path` as a dataset; raise a DataError if it is missing."""
     group = node(tree, path)
     if group is None:
-        raise DataError(f"The result has no group /{path.strip('/')}.")
+        raise DataError(
+            f"The result has no group /{path.strip('/')}.",
+            remedy="Choose a figure or table for which the run has results.",
+        )
     if missing := [name for name in needed if name not in group.data_vars]:
         raise DataError(f"The group /{path.strip('/')} lacks {', '.join(missing)}.")
     return group.to_dataset()
@@ -161,7 +164,10 @@ def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Data
     """Return the tests of a result below `path`, by level; raise a DataError if there are none."""
     parent = node(tree, path)
     if parent is None or not parent.children:
-        raise DataError(f"The result has no test under /{path.strip('/')}.")
+        raise DataError(
+            f"The result has no test under /{path.strip('/')}.",
+            remedy="Choose a figure or table for which the run has results.",
+        )
     groups = [(name, branch(tree, f"{path}/{name}", *needed)) for name in parent.children]
     levels = {name: about(PredictedTest.of(test).level) for name, test in groups}
     return sorted(groups, key=lambda test: (levels[test[0]], natural(test[0])))

@@ -27,7 +27,8 @@ class Column:
     heading: str  # with the unit, if any
     show: Callable[[Any], str | Cell]  # function that returns the text or cell of a row
     meaning: str = ""  # meaning of the numbers, for the note below the table on the page
-    align: str = "right"  # right, left, unit, or wrap for long text, and left wrap
+    # alignment: "right", "left" or "unit" (unit of a number); for long text "wrap" or "left wrap"
+    align: str = "right"
     # Columns with high numbers are dropped first on a narrow screen; columns with 0 are never
     # dropped.
     spared: int = 0

@@ -116,7 +116,10 @@ def move(
         _motion_and_source, doubled, doubled.at_rest(), source, num_samples, fs, block=size
     )
     if not np.isfinite(q).all():
-        raise ModelError("The response of the structure must stay finite, but it is not.")
+        raise ModelError(
+            "The simulated response of the structure must be finite, but is not.",
+            remedy="Lower the level of the source, or raise `fs`.",
+        )
     shapes, shaker = structure.shapes, structure.armature
     tied = (shaker.stiffness * q + shaker.damping * rate + shaker.mass * change) @ shapes.drive
     force = shaker.gain * played - tied

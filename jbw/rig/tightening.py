@@ -220,8 +220,8 @@ def _check(how: Tightening, torque: float, sequence: int) -> None:
     for name in how.scatter:
         if name not in SCATTERING:
             raise ConfigError(
-                f'Argument `scatter` must name {", ".join(SCATTERING)}, but "{name}" is none of '
-                "them."
+                f"Argument `scatter` may contain only {', '.join(SCATTERING)}, but contains "
+                f'"{name}".'
             )
     for name, value in (*how.scatter.items(), ("wrench", how.wrench)):
         if not 0.0 <= value < np.inf:

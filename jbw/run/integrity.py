@@ -42,7 +42,7 @@ def unsealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
 def damaged(path: Path) -> DataError:
     """Return the error for a result file whose content differs from what the run wrote."""
     return DataError(
-        f"The file {path} is damaged: its content is not what the run wrote, by its SHA-256.",
+        f"The file {path} is damaged: the SHA-256 of its content differs from the stored SHA-256.",
         remedy="Restore the folder from a copy, or identify again: jbw identify CAMPAIGN.toml.",
     )
 

@@ -145,7 +145,7 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
         if not (manifest.allow_outside or (folder / name).resolve().is_relative_to(folder)):
             raise ConfigError(
                 f"The data file {name} must be in the campaign's folder {folder}, but is not.",
-                why="The manifest of a run may come from another person.",
+                why="A manifest that comes from another person must not read your other files.",
                 remedy="If you trust the data files, allow files outside of the campaign's folder: "
                 "jbw resume DIR --allow-outside.",
             )

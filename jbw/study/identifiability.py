@@ -49,7 +49,7 @@ Column = tuple[str | tuple[str, str], Any, str]
 
 @dataclass(frozen=True)
 class Identifiability:
-    """How well the data determine each parameter and each product of parameters."""
+    """The accuracy with which the data determine each parameter and each product of parameters."""
 
     fitted: Fitted  # the fit and the data to which it was fitted
     # Products of parameters, examined like the parameters themselves.

@@ -313,7 +313,10 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
     """Measure frequency and damping from response curves near their largest motion."""
     groups = [group for group in groups_of(list(tests)) if group.order == 1]
     if not groups:
-        raise DataError(f"Test {tests[0].name} has no response to a single tone.")
+        raise DataError(
+            f"Test {tests[0].name} must contain a response to a single tone, but does not.",
+            remedy=f"Leave out {tests[0].name}, or measure a response to one tone at a time.",
+        )
     readings_found = []
     for group in groups:
         # If a test controls the amplitude of the response, the motion is stored as real numbers.

@@ -248,8 +248,8 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
             first, other, *_ = [str(f) for f, n in zip(files, names, strict=True) if n == name]
             raise ConfigError(
                 f"{first} and {other} would both write to {out / name}.",
-                why="A run has the name of its campaign's file, or of the folder around "
-                f"{PLAIN}.toml.",
+                why="A run has the name of its campaign file, or of the folder that contains the "
+                f"campaign file {PLAIN}.toml.",
                 remedy="Rename one of the two campaign files, name each campaign only once, or "
                 "identify the campaigns separately with different `out`.",
             )

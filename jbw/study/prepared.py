@@ -96,9 +96,9 @@ def candidates(read: Sequence[str]) -> tuple[str, ...]:
 def chosen(
     seen: Measured, laws: Sequence[str], seed: int, report: Report
 ) -> tuple[Measured, dict[str, float], str]:
-    """Fit laws in turn until one leaves white residuals; choose it, or the one that fits best.
+    """Fit laws in turn; choose the first law with white residuals, or else the law that fits best.
 
-    If no fit from one start leaves white residuals, each law gets all starts.
+    If no fit from one start has white residuals, each law gets all starts.
 
     Args:
         seen: Tests under any law.

@@ -66,7 +66,9 @@ def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]
     """Yield the label and the separate prediction of each data group of a test."""
     observable, basis = _observable(test), source.basis
     if observable is None:
-        raise TypeError(f"Tests of kind {test.kind} have no observable.")
+        raise TypeError(
+            f"Tests of kind {test.kind} cannot be predicted: register an observable for this kind."
+        )
     omega_n = source.omega_n
     for part in observable.reduce([test], laws=basis.laws, substeps=basis.substeps):
         peak = part.shown(omega_n).y_peak

@@ -79,8 +79,8 @@ class Source:
     # Parameters and laws of the reference models, which have no hysteresis.
     references: Mapping[str, tuple[Mapping[str, float], Laws]] = field(default_factory=dict)
     noise: bool = True  # whether bands include known noise
-    # Noise level that replaces an unknown one: 0 for bands from the parameters alone; None if
-    # coverage is not stated.
+    # noise level to use if the noise is unknown: with 0, bands contain only the uncertainty of the
+    # parameters; with None, coverage is not stated
     bare: float | None = None
     seed: int = 0
     # Draws of other laws, which are appended to the draws of this run's law.

@@ -34,7 +34,7 @@ class Belief(NamedTuple):
     r"""The normal-inverse-Wishart distribution of the mean and covariance since the last change."""
 
     mean: Float[np.ndarray, "*batch p"]
-    # number of records that would determine the mean equally well
+    # effective number of records: so many independent records would determine the mean equally well
     kappa: Float[np.ndarray, "*runs"]
     nu: Float[np.ndarray, "*runs"]  # degrees of freedom nu
     # scale matrix of the inverse-Wishart distribution, a sum of squared deviations

@@ -119,8 +119,8 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
     for amplitude, share in zip(amplitudes, other_modes, strict=True):
         if share > OTHER_MODES:
             raise DataError(
-                f"`{record.name}` has other modes of {share:.1%} of its displacement at "
-                f"{amplitude:g} {unit}; at most {OTHER_MODES:.0%} are allowed.",
+                f"In `{record.name}` other modes contribute {share:.1%} of the displacement at "
+                f"{amplitude:g} {unit}; at most {OTHER_MODES:.0%} is allowed.",
                 why="Other modes add to the motion of the joint, which then dissipates more.",
                 remedy="Use a lower amplitude, at which other modes have decayed.",
             )
@@ -233,7 +233,7 @@ def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) 
         says = watch.furthest(None if np.isnan(reached_by_all) else float(reached_by_all))
         raise DataError(
             f"The watch uses a displacement of {highest:.3g} m, but not all units of the fleet "
-            f"were tested up to it: {says}.",
+            f"were tested up to this displacement: {says}.",
             why="The effect of torque on a joint is known only at tested displacements.",
             remedy="Begin a watch at a lower --amplitude, or leave --population out.",
         )

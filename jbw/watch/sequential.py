@@ -243,7 +243,7 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
             raise DataError(
                 f"`{record.name}` lacks the channel or the sampling rate of the run's records: "
                 f"{response} at {fs:g} Hz.",
-                remedy="Give records that were measured in the same way as those of the run.",
+                remedy="Give records that were measured in the same way as the records of the run.",
             )
     every = replace(test, records=(*test.records, *records))
     longer = Decays.of(every, laws=part.laws, substeps=part.substeps)
@@ -276,9 +276,10 @@ def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
     sd = float(np.std(strays))
     if not sd < SAME:
         raise DataError(
-            f"The likelihood of the run's draws cannot be reproduced: it differs by {sd:.2g} nats.",
+            "The likelihood of the run's draws cannot be reproduced: the recomputed values differ "
+            f"by {sd:.2g} nats.",
             why="The run is a quick run, whose draws are those of a Gaussian, or the weights or "
-            "solver steps of the run differ from those that its campaign states now.",
+            "solver steps of the run differ from the statements of its campaign.",
             remedy="Identify the joint again with the new records in its campaign.",
         )
 

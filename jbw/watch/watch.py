@@ -251,8 +251,8 @@ def _begun(test: Test, name: str, wishes: Wishes) -> WatchSettings:
         raise ConfigError(
             f"`--reference` must be at least {least} for {len(amplitudes)} amplitudes, but is "
             f"{number}.",
-            why=f"With fewer than {least} records the variation between records is hardly known, "
-            "and no change would be detected.",
+            why=f"From fewer than {least} records the variation between records cannot be "
+            "estimated well enough, and no change would be detected.",
             remedy=f"Use `--reference {least}` or more, with as many records of the unchanged "
             "joint, or use only one amplitude.",
         )

@@ -91,7 +91,7 @@ FAULTS = (
     Fault("7: time repeated", timed(repeat), "error", "sample 101", "span"),
     Fault("8: gap", timed(lambda t: t + (t > 3.0) * 0.01), "error", "1 gap(s): 3-3.01", "span"),
     Fault("8: jitter", timed(lambda t: t + 0.02 / FS * np.sin(7.0 * np.arange(N))), "error",
-          "must be even within 0.001", "`resample = 1024`"),
+          "must be evenly spaced within 0.001", "`resample = 1024`"),
     Fault("9: mm/s as m/s", noise({"input": drive() * 1e-2, "velocity": respond(drive()) * 10}),
           "warning", "949 times", "Check both units", "velocity"),
     Fault("9: g as m/s^2", noise(in_g(), units={"input": "V", "acceleration": "m/s^2"}), "warning",

@@ -180,7 +180,7 @@ weights = { "100:z" = 1.0, "103:z" = -0.5 }
 stiffness = 1e-3
 
 """
-    doubt_of(folder, "Joint `foot` is moved by a rigid-body mode", text + TESTS, chain.model)
+    doubt_of(folder, "A rigid-body mode moves joint `foot`", text + TESTS, chain.model)
 
 
 def test_a_first_frequency_of_no_bolted_structure_is_doubtful(folder):

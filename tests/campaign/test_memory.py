@@ -89,7 +89,7 @@ def test_a_record_that_memory_cannot_hold_is_refused_before_it_is_read(tmp_path,
     monkeypatch.setattr("jbw.measurement.files.tree.load", lambda *_: pytest.fail("read"))
     # 400e6 x (2 channels x 8 + 100 + 200 + 330 of the mode and as much of the joint) bytes, and
     # 0.95e9 of the process
-    told = r"up to sweep_0.h5 need about 364.5 GiB, but this process may take 32.0 GiB"
+    told = r"up to sweep_0.h5 need about 364.5 GiB, but this process may use 32.0 GiB"
     with pytest.raises(DataError, match=told):
         load_campaign(path)
 
@@ -120,7 +120,7 @@ def test_memory_that_is_exhausted_is_no_internal_error(tmp_path, monkeypatch, ca
     monkeypatch.setattr("jbw.campaign.load.load_campaign", exhausted)
     assert run(["identifiability", str(path)]) == 1
     said = capsys.readouterr().err
-    assert "The memory that this process may take" in said
+    assert "The memory that this process may use" in said
     assert "`resample = RATE`" in said
     assert "Internal error" not in said
 

@@ -111,7 +111,7 @@ def test_a_jitter_of_more_than_the_digits_round_is_none_of_theirs(tmp_path):
     rows = "\n".join(f"{t},{v:.6f}" for t, v in zip(times, np.resize(LASER, 6000), strict=True))
     (tmp_path / "a.csv").write_text("time,laser\n" + rows)
     error = refused(tmp_path / "a.csv", {"time": "time", "velocity": "laser"}, UNITS_V)
-    assert "must be even" in error.what
+    assert "must be evenly spaced" in error.what
 
 
 @pytest.mark.fault(9, 10)

@@ -246,4 +246,4 @@ def test_what_no_fault_explains_is_said(size):
     for hz, phase in ((10.6, 1.0), (13.1, 2.0), (14.2, 3.0)):
         x += size * np.exp(-1.3 * t) * np.cos(2 * np.pi * hz * t + phase)
     (what,) = named(found(noisy(x, noise=5e-3), 400.0, (8.0, 18.0)))
-    assert what.endswith("of the response, and no known fault explains it.")
+    assert what.endswith("of the response is explained neither by one mode nor by a known fault.")

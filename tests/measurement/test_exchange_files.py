@@ -150,7 +150,7 @@ def test_a_tdms_cut_within_a_lead_in_is_refused(tdms, kept):
     data = tdms.read_bytes()
     last = data.rindex(b"TDSm")  # the third segment, a third of the samples
     tdms.write_bytes(data[: last + kept])
-    assert f"segment at byte {last} is cut within its lead-in" in refused(tdms, TDMS_ROLES).what
+    assert f"segment at byte {last} ends within the lead-in" in refused(tdms, TDMS_ROLES).what
 
 
 @pytest.mark.parametrize(("late", "delay"), [(250_000, -0.25), (-1_500, 0.0015)])

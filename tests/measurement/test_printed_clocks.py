@@ -68,7 +68,7 @@ def test_a_lost_sample_is_never_the_digits(lost):
 
 def test_jitter_beyond_the_digits_is_none_of_theirs():
     time = np.round((np.arange(4000) + 0.05 * RNG.standard_normal(4000)) / 512.0, 6)
-    with pytest.raises(DataError, match="must be even"):
+    with pytest.raises(DataError, match="must be evenly spaced"):
         sampling_frequency(time)
 
 

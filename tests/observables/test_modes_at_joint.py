@@ -175,7 +175,9 @@ def test_bounds_within_which_modes_change_places_are_refused(campaign):
 def test_bounds_of_what_is_known_are_refused(campaign, stated, name):
     structure = Structured(modes=(18.8, 57.2), **stated)
     settings = Identify.of({"prior": {name: (0.1, 1.0)}})
-    with pytest.raises(ConfigError, match=f"`{name}` must be unknown, but `{next(iter(stated))}`"):
+    with pytest.raises(
+        ConfigError, match=f"`{name}` must be an unknown parameter, but `{next(iter(stated))}`"
+    ):
         modes_of(structure, campaign.tests, settings)
 
 

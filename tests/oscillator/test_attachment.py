@@ -43,7 +43,7 @@ def test_nothing_attached_and_a_node_change_nothing():
     [
         ([100.0], [0.5], Attachment(-5.0, 0, 0), "positive mass together"),
         ([100.0], [0.5], Attachment(0, 0, -5e4), "positive stiffness together"),
-        ([100.0], [0.5], Attachment(0, 900.0, 0), "no longer oscillatory"),
+        ([100.0], [0.5], Attachment(0, 900.0, 0), "must oscillate"),
         ([100.0, 200.0], [0.5], Attachment(0, 0, 0), "one value per mode"),
         ([-100.0], [0.5], Attachment(0, 0, 0), "must be positive"),
     ],

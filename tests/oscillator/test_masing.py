@@ -323,7 +323,7 @@ def test_loops_too_deep_are_told():
     deep, _ = followed(law, [turns[-1], 0.2 * turns[-1]], deep)
     start = 0.2 * turns[-1], 0.0, (deep,)
     push = 50.0 * np.ones(64)
-    with pytest.warns(UserWarning, match="it returned [1-9] times to load reversals"):
+    with pytest.warns(UserWarning, match="the motion returned [1-9] times to load reversals"):
         response = jbw.simulate(joined, push, RULES["fs"], initial=start)
     assert response.guesses >= 1.0
     assert jbw.simulate(joined, push, RULES["fs"]).guesses == 0.0

@@ -240,7 +240,7 @@ def test_bad_tones_are_refused():
         tone_response(SYSTEM, TONES, PHASORS[:2])
     with pytest.raises(ConfigError, match="`max_order` must be 1"):
         tone_response(SYSTEM, TONES, PHASORS, max_order=0)
-    with pytest.raises(ConfigError, match="`powers` must hold two numbers for each of the 3"):
+    with pytest.raises(ConfigError, match="`powers` must contain two numbers for each of the 3"):
         repeated_kernel(SYSTEM, TONES, (1, 2))
     with pytest.raises(ConfigError, match="`powers` must be 0 or more"):
         multinomial((2, -1))

@@ -152,7 +152,7 @@ def test_one_run_is_no_fleet(tmp_path):
         fleet_of([folder, folder])
     with pytest.raises(jbw.ConfigError, match="run `Q`, which is not among the runs"):
         fleet_of(two(tmp_path / "x"), covariates={"Q": {}})
-    with pytest.raises(jbw.ConfigError, match="`torqe` is no covariate"):
+    with pytest.raises(jbw.ConfigError, match="`torqe` is not a covariate"):
         fleet_of(two(tmp_path / "y"), covariates={"A": {"torqe": 1.0}})
 
 

@@ -189,7 +189,7 @@ def test_noise_and_run_scatter_of_the_units_go_with_a_new_one(tmp_path):
     prediction = predict(basis, test, Request(20))
     # The mean of both units' tests alike, 1 and 2 mm/s; none of them is this one.
     assert prediction.attrs["noise_std"] == pytest.approx(1.5e-3, rel=1e-12)
-    assert prediction.attrs["noise"] == "median of the fitted tests of its kind"
+    assert prediction.attrs["noise"] == "median of the fitted tests of the test's kind"
 
 
 def test_residual_constants_scatter_as_student_s_t_says(tmp_path):

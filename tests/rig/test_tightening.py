@@ -144,7 +144,7 @@ def test_scatter_is_what_was_asked():
         ({"sequence": 0}, "`sequence` must be positive"),
         ({"how": Tightening(reference=-1.0)}, "`reference` must be positive"),
         ({"how": Tightening(load_path="bent")}, '`load_path` must be "series" or "parallel"'),
-        ({"how": Tightening(scatter={"alpha": 0.1})}, 'must name omega_n.*but "alpha" is none'),
+        ({"how": Tightening(scatter={"alpha": 0.1})}, 'only omega_n.*but contains "alpha"'),
         ({"how": Tightening(wrench=-0.1)}, "`wrench` must be finite and not negative"),
     ],
 )

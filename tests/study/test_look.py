@@ -183,7 +183,7 @@ def test_a_frequency_that_rises_is_said_to_rise_and_few_readings_say_nothing():
     assert not nonlinear(few).is_seen
     far = [one._replace(hz=18.0 * (1 + 50.0 * one.y)) for one in few]
     assert nonlinear(far).is_seen
-    assert "yes, it hardens" in nonlinear(far).sentences[-1]
+    assert "yes, the joint hardens" in nonlinear(far).sentences[-1]
     low = [one._replace(zeta=one.zeta * (1 + i)) for i, one in enumerate(few)]
     assert nonlinear(low).is_seen
 

@@ -159,7 +159,10 @@ def test_slopes_are_those_of_the_fleets_own_joints(trend_at):
     [
         ({"torque": None}, "does not state the torque of its joint"),
         ({"status": "not assessed"}, "status of the population is not assessed"),
-        ({"amplitudes": (1.0, 0.3)}, r"displacement of 0\.00796 m, .* up to it: 0\.005 m"),
+        (
+            {"amplitudes": (1.0, 0.3)},
+            r"displacement of 0\.00796 m, .* up to this displacement: 0\.005 m",
+        ),
         ({"y_peak": np.nan}, "some units state no displacement"),
     ],
 )

@@ -1,4 +1,4 @@
-"""NumPy archives of matrices: dense ones by name, or one of `scipy.sparse.save_npz`."""
+"""NumPy archives: dense matrices stored by name, or one matrix of `scipy.sparse.save_npz`."""
 
 from pathlib import Path
 

@@ -1,1 +1,1 @@
-"""Least-squares fits, and how well data determine parameters."""
+"""Least-squares fits, and the accuracy with which data determine parameters."""

@@ -1,4 +1,4 @@
-"""How well a fit's data determine parameters: directions, widths, profile likelihoods.
+"""The accuracy with which data determine parameters: directions, widths, profile likelihoods.
 
 Directions and widths follow from the covariance of a fit compared with the prior, before sampling.
 A profile shows how far one parameter can move while all others compensate.
@@ -34,8 +34,8 @@ from jbw.report.messages.message import listed
 
 # largest exponent in a named combination; larger exponents only show that prior widths differ
 SENSIBLE = 10.0
-# Largest ratio of the standard deviation of a named combination of parameters to that of the
-# direction in parameter space that the combination describes.
+# Largest standard deviation of a named combination of parameters, divided by the standard deviation
+# along the direction in parameter space that the combination approximates.
 AS_WELL = 2.0
 # Parameters compensate each other if the standard deviation of their product is less than this
 # fraction of each parameter's standard deviation.

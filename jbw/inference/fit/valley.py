@@ -1,4 +1,4 @@
-r"""Coordinates along a curved valley of the posterior, in which other parameters follow one.
+r"""Coordinates along a curved valley of the posterior, where one parameter determines the others.
 
 If the data do not determine a parameter q, the others compensate for it along a curve. With the
 optimum c(q) of the others at every q, and a root L(q) of their covariance there,

@@ -62,12 +62,12 @@ class Finding:
 
     @property
     def reason(self) -> str:
-        """Return the result of the check as a sentence, including what later checks added."""
+        """Return the result of the check as a sentence, with the additions of later checks."""
         return " ".join([self.fact, *(sentence for sentence, _ in self.additions)])
 
     @property
     def fact(self) -> str:
-        """Return the result of the check as a sentence, without what later checks added."""
+        """Return the result of the check as a sentence, without the additions of later checks."""
         if isinstance(self.values, str):
             return self.values
         return sentence_of(self.entry or self.code, self.values, passed=self.status == "ok")

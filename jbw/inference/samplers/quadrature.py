@@ -81,7 +81,9 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     d = len(problem.box.names)
     if problem.outer != IDENTITY:
         raise ConfigError(
-            "Sampler quadrature works only in the parameters themselves, without other coordinates."
+            "The sampler `quadrature` needs the parameters as coordinates, but other coordinates "
+            "were given.",
+            remedy="Leave the coordinates out, or choose another sampler.",
         )
     moments, count = located(problem), options.num_places or PLACES[d]
     by_axis = [_on_its_axis(i, problem, moments, count) for i in range(d)]

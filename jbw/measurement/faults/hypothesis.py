@@ -30,12 +30,14 @@ from jbw.measurement.readings.sweep import SweepCause, SweepFits, fit_sweep
 from jbw.measurement.records import Record
 from jbw.report.messages.message import FaultText
 
-LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # limits of condition 1
+# condition 1: weighted rms of the residual; line relative to its local median, and to the largest
+# response; residual relative to the response
+LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06
 # condition 2: largest fraction of the residual sum of squares that remains with a cause
 EXPLAINS = 0.6
 # If a cause reduces the residual sum of squares below this fraction, no other cause is tried.
 ENOUGH = 0.01
-ODDS = 25.0  # limit of condition 3
+ODDS = 25.0  # condition 3: smallest 2 ln(L1/L0) - k ln(n) with which a cause is named
 # Two causes count as equally likely if 2 ln of their likelihood ratio is below this value.
 NEARLY = 20.0
 # An unexplained residual is reported above this weighted rms and this fraction of the response. Of

@@ -42,7 +42,9 @@ LOUD = 0.3
 FEWEST = 12  # smallest number of lines with a usable phase
 CERTAIN = 6.0  # standard errors of a lag
 ONE_MODE = 0.3  # largest standard deviation of log |Y/U| about one mode; more means several modes
-ROUGH = 0.15  # [rad]; if the phase varies by more about a single mode, there is more than one mode
+# [rad]; if the phase varies by more than this around a supposed single mode, there is more than one
+# mode
+ROUGH = 0.15
 # number of parts into which a record is divided, and number of averages in each part
 PARTS, AVERAGES = 8, 8
 LEAST_PARTS = 2  # smallest number of parts before and after a part in which the lag jumps
@@ -91,7 +93,7 @@ def untimely(record: Record, delay: float) -> Iterator[Fault]:
 def _away(
     omega: Reals, receptance: Complex[np.ndarray, " line"]
 ) -> tuple[Int[np.ndarray, " kept"], Reals, Reals] | None:
-    """Return lines off the resonance, their phases and the phases' slopes over damping; or None."""
+    """Return lines off the resonance, their phases and phase lags per damping ratio; or None."""
     natural = float(omega[np.argmax(np.abs(omega * receptance))])
     r = omega / natural
     lines_away = np.flatnonzero(np.abs(1 - r**2) > AWAY)

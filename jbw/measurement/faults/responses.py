@@ -29,7 +29,8 @@ FEWEST_LINES = 4
 # amplitude.
 MOVING = 0.3
 LOCKED = 0.2  # largest variation of a phase that a controller holds [rad]
-# smallest fraction of a first period's power that one tone explains; wide-band noise explains less
+# smallest fraction of the first period's power that a single tone must explain; wide-band noise
+# stays below this fraction
 COHERENT = 0.8
 LIKE = 2.0  # largest factor between a stated level and the peak or rms of its channel
 NO_LEVEL = ("frequency", "phase", "time")

@@ -45,7 +45,7 @@ class Misfit(NamedTuple):
 
 
 class Suspect(NamedTuple):
-    """A possible cause of a residual, given by the columns with which it changes the data.
+    """A possible cause of a residual, represented by the changes of the data that it causes.
 
     Attributes:
         columns: Derivatives of the data with respect to the error's sizes, by label of the group.

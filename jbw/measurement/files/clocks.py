@@ -35,8 +35,8 @@ STATED = 6
 SLOPES = 60  # number of slopes tried for a line through all times
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 EPOCH = (9.4e8, 4.2e9)  # range of seconds since 1970 for the years 2000 to 2100
-# slowest plausible rates [Hz] of times without a unit, with and without whole numbers: quasi-static
-# records have times with decimals
+# slowest plausible sampling rates [Hz] if times have no unit: for times with decimals, as in
+# quasi-static records, and for times in whole numbers
 SLOWEST, SLOWEST_COUNTED = 1.0, 20.0
 # A part between gaps that exceeds this fraction of a record is kept, rather than resampled.
 MOST = 0.5
@@ -113,7 +113,7 @@ def sampling_frequency(
     off = np.abs((seconds - seconds[0]) * mean_rate - np.arange(len(seconds)))
     i = int(np.argmax(off > REGULARITY + np.max(distances, axis=0) * mean_rate))
     raise DataError(
-        f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
+        f"Time channel `{name}` must be evenly spaced within {REGULARITY:g} of an interval at "
         f"{mean_rate:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
         why=messages.EVEN,
         remedy="A sampling frequency `fs` would be wrong for these times: put under [[test]] "
@@ -279,7 +279,7 @@ def _require_steps(time: Reals, name: str, begins: float) -> None:
         if line and not unbroken_line(time, gaps, begins, least=MOST):
             remedy = messages.resample_or_part(resample, line.partition(": ")[2])
         raise DataError(
-            f"Time channel `{name}` must be even, but has {len(gaps)} gap(s): {listed}.",
+            f"Time channel `{name}` must be evenly spaced, but has {len(gaps)} gap(s): {listed}.",
             why=messages.EVEN,
             remedy=remedy,
         )

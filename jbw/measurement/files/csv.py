@@ -217,11 +217,10 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
     if count < LEAST_LINES:
         shown = " | ".join(line[:60] for line in lines[:3])
         raise DataError(
-            f"File `{file}` does not read as two or more columns of numbers; the file begins: "
-            f"{shown!r}.",
+            f"File `{file}` must contain two or more columns of numbers, but begins: {shown!r}.",
             why="A single column can be read only if its numbers contain a decimal point and no "
             "other mark.",
-            remedy="Export columns with a tab or a semicolon between, and a decimal point.",
+            remedy="Export columns that are separated by tabs or semicolons, with a decimal point.",
         )
     if _is_ambiguous(lines, dialect):
         raise DataError(
@@ -432,7 +431,7 @@ def _columns(
     except ValueError:
         return _cell_by_cell(body, dialect)
     if matrix.shape[1] != dialect.columns:
-        raise ValueError(f"{matrix.shape[1]} columns in place of {dialect.columns}")
+        raise ValueError(f"the rows have {matrix.shape[1]} columns instead of {dialect.columns}")
     return list(matrix.T), frozenset()
 
 
@@ -445,8 +444,8 @@ def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> tuple[list[Reals], f
         fields = dialect.fields(line)
         if len(fields) != dialect.columns:
             raise ValueError(
-                f"the number of columns changed from {dialect.columns} to {len(fields)} at row "
-                f"{i + 1}: {line[:60]!r}"
+                f"row {i + 1} must have {dialect.columns} columns, but has {len(fields)}: "
+                f"{line[:60]!r}"
             )
         cells.append(fields)
     columns, stamped = [], set()
@@ -456,7 +455,7 @@ def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> tuple[list[Reals], f
         if any(stamps) and not any(dialect.is_number(text) for text in texts):
             if bad := next((i for i, (s, x) in enumerate(zip(stamps, texts, strict=True))
                             if s is None and not is_lost(x)), None):  # fmt: skip
-                raise ValueError(f"could not read the time {texts[bad][:40]!r} at row {bad + 1}")
+                raise ValueError(f"row {bad + 1} contains an unreadable time: {texts[bad][:40]!r}")
             columns.append(since_first(stamps))
             stamped.add(k)
             continue

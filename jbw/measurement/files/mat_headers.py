@@ -55,12 +55,16 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
         code, size = file.integers("II")
         content = file.take(size)
         if code not in (MATRIX, COMPRESSED):
-            raise ValueError(f"a variable has the data type {code}")
+            raise ValueError(
+                f"the data type of a variable must be {MATRIX} or {COMPRESSED}, but is {code}"
+            )
         if code == COMPRESSED:
             head = zlib.decompressobj().decompress(content[:256], 8)
             code, size = Elements(memoryview(head), order).integers("II")
             if code != MATRIX:
-                raise ValueError(f"a compressed variable has the data type {code}")
+                raise ValueError(
+                    f"the data type of a compressed variable must be {MATRIX}, but is {code}"
+                )
             yield size, partial(_packed, content, order, size)
         else:
             yield size, partial(_matrix, content, order)
@@ -142,13 +146,17 @@ class Elements:
         """Skip the next element after a check that it contains `count` numbers."""
         code, content = self.element()
         if code not in NUMBERS or count not in (None, len(content) / NUMBERS[code]):
-            raise ValueError(f"{count} numbers have the type {code} and {len(content)} bytes")
+            raise ValueError(
+                f"{len(content)} bytes of the data type {code} cannot contain {count} numbers"
+            )
 
     def text(self, count: int) -> None:
         """Skip the next text, which may have more bytes than characters, or none at all."""
         code, content = self.element()
         if code not in WIDTHS or 0 < len(content) < count:
-            raise ValueError(f"{count} characters have the type {code} and {len(content)} bytes")
+            raise ValueError(
+                f"{len(content)} bytes of the data type {code} cannot contain {count} characters"
+            )
 
     def matrices(self, count: int) -> None:
         """Validate the next `count` matrices of a MATLAB file."""
@@ -207,8 +215,10 @@ def _fields(walk: Elements, count: int, of_class: int) -> None:
         walk.short("names", NAMES)
     lengths = walk.whole_numbers("field names", (5, 6))
     if len(lengths) != 1 or lengths[0] < 1:
-        raise ValueError(f"a struct has field names of lengths {lengths}")
+        raise ValueError(
+            f"the length of a struct's field names must be one positive number, but is {lengths}"
+        )
     fields = len(walk.short("field names", NAMES)) // lengths[0]
     if not fields and count > MOST_BARE:
-        raise ValueError(f"{count} structs have no field")
+        raise ValueError(f"{count} structs must have a field, but have none")
     walk.matrices(count * fields)

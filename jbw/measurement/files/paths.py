@@ -33,7 +33,10 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
     picked = [_follow(root, part.strip()) for part in path.split(MINUS, 1)]
     minuends, subtrahends = (item if isinstance(item, list) else [item] for item in picked)
     if len(minuends) != len(subtrahends):
-        raise DataError(f"`{path}` subtracts {len(subtrahends)} channels from {len(minuends)}.")
+        raise DataError(
+            f"`{path}` must subtract as many channels as stand before the minus sign, but "
+            f"subtracts {len(subtrahends)} from {len(minuends)}."
+        )
     differences = [replace(x, minus=y) for x, y in zip(minuends, subtrahends, strict=True)]
     return differences if isinstance(picked[0], list) else differences[0]
 

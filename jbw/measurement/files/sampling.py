@@ -188,7 +188,7 @@ def _agree_with_unused_time(
             raise DataError(
                 f"the times in `{name}` of the file contradict {fs:g} Hz: sample "
                 f"{int(off.argmax())} is {off.max():.3g} intervals away from its expected time.",
-                why="The rate is wrong, or samples are not even.",
+                why="The rate is wrong, or the samples are not evenly spaced.",
                 remedy=f"{PUT} `channels = {_with_time(name, request)}`, and take `fs` out.",
             )
 
@@ -218,7 +218,7 @@ def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
 
 
 def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice | None]:
-    """Return the sampling frequency of each channel of times, and the samples to read, if limited.
+    """Return the sampling frequency of each time channel, and the range of samples to read or None.
 
     A clock that is even only within the span determines the samples of the span as well.
     """

@@ -48,8 +48,8 @@ def from_sep005(
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise DataError(
-            f"{name}: the name {repeated[0]!r} is given to {names.count(repeated[0])} series.",
-            remedy="Names must differ, so that a channel can be identified by its name.",
+            f"{name}: {names.count(repeated[0])} series have the name {repeated[0]!r}.",
+            remedy="Give each series a different name, because the name identifies a channel.",
         )
     digest = hashlib.sha256(b"".join(np.asarray(signal["data"]).tobytes() for signal in series))
     contents = Contents(dict(zip(names, leaves, strict=True)), "SEP-005")

@@ -75,14 +75,16 @@ def _require_consistent_segments(stream: Bounded) -> None:
         if begin and not lead_in:
             break
         if begin and (len(lead_in) < LEAD_IN or lead_in[:4] != b"TDSm"):
-            raise ValueError(f"The segment at byte {begin} is cut within its lead-in.")
+            raise ValueError(
+                f"The file is incomplete: the segment at byte {begin} ends within the lead-in."
+            )
         if len(lead_in) < LEAD_IN or lead_in[:4] != b"TDSm":
             break  # This is no TDMS file; npTDMS itself reports what is missing.
         flags = int.from_bytes(lead_in[4:8], "little")
         order = ">" if flags & BIG_ENDIAN else "<"
         length, samples_at = struct.unpack(f"{order}QQ", lead_in[12:])
         if samples_at and not flags & METADATA:
-            raise ValueError(f"The segment at byte {begin} has lost its metadata.")
+            raise ValueError(f"The file is damaged: the segment at byte {begin} has no metadata.")
         begin += LEAD_IN + length
     stream.seek(0)
 

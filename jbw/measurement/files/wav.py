@@ -55,7 +55,10 @@ def _require_whole(path: Path) -> None:
                 or stream.tell() + length > size
                 or (name == b"data" and length % frame)
             ):
-                raise ValueError(f"at byte {where} {name!r} declares {length} bytes")
+                raise ValueError(
+                    f"the chunk {name!r} at byte {where} declares {length} bytes, which "
+                    "contradicts the rest of the file"
+                )
             begin = stream.tell()
             if name == b"fmt " and length >= 16:
                 frame = max(_frame_of(struct.unpack(f"{order}2xHIIHH", stream.read(16))), 1)

@@ -69,7 +69,7 @@ def sweep_fits(signal: SweepSignal) -> SweepFits | None:
 def swept_band(
     u: Reals, fs: float, band_hz: tuple[float, float] | None
 ) -> tuple[float, float] | None:
-    """Return the frequencies [Hz] that a drive sweeps inside a given band; None without any."""
+    """Return the frequencies [Hz] inside a band that a drive sweeps; None if there are none."""
     freq = np.fft.rfftfreq(len(u), 1 / fs)
     power = np.abs(np.fft.rfft(u)) ** 2
     if not power.sum() > 0 or len(freq) < 8:

@@ -42,7 +42,7 @@ def read(contents: Contents) -> Contents:
         header = f"{match[1]}_Header"
         size = max(item.shape, default=0)
         if not math.isnan(count) and count != size:
-            raise ValueError(f"`{name}` holds {size} samples, but the file declares {count:g}")
+            raise ValueError(f"`{name}` contains {size} samples, but the file declares {count:g}")
         title = text_at(root, header, "SignalName") or str(name)
         channel = named(item, title, text_at(root, header, "Unit"))
         root[name] = series[str(name)] = replace(channel, fs=fs)

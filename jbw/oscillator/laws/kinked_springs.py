@@ -60,7 +60,7 @@ class KinkedSpring(Spring):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
-        r"""Return how the corners passed before and after the reversal change v and y.
+        r"""Return the changes of v and y by the corners passed before and after the reversal.
 
         From the jumps of f' and f'' at a corner, the jumps of the force's time derivatives are
 

@@ -58,7 +58,7 @@ def _kinked_step_jvp(primals, tangents):
 def _kinked(
     law: Law, z: Scalar, ends: Ends, quartic: Scalar
 ) -> tuple[tuple[Scalar, Scalar, Scalar], tuple[Slopes, ...]]:
-    """Return z at the end of a step, the changes by kinks over h and h^2, and all derivatives.
+    """Return z at the step's end, the changes by kinks divided by h and h^2, and all derivatives.
 
     Under jit the derivatives are computed only if they are used.
     """
@@ -67,7 +67,7 @@ def _kinked(
     directions = jnp.where(start == 0.0, end, start), end
     turned, ended, zero = two_moves(*law, z, (path.before, path.after), directions)
     fraction_slopes, sharpness_slopes, by_path, by_quartic = _turn_slopes(path, start)
-    force_slopes = []  # of z at the turning point and at the end
+    force_slopes = []  # derivatives of z at the turning point and at the end of the step
     for _, (by_delta, by_gamma, by_z, by_first, by_second) in (turned, ended):
         more = by_first - by_second
         by_start, by_end, by_rise = (more * x for x in by_path)

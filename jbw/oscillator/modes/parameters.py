@@ -152,7 +152,7 @@ def at_points(theta: Mapping[str, Any], structure: Structure) -> Structure:
 
 
 def _mode(theta: Mapping[str, Any], names: Names) -> tuple[Any, ...]:
-    """Return one later mode's frequency, damping, joint motion h, coupling p and input gain b."""
+    """Return frequency, damping, joint motion h, coupling p and input gain b of a later mode."""
     linear, b = (theta[names.omega], theta[names.zeta]), theta[names.ratio]
     if names.shape not in theta:
         return *linear, 0.0, 0.0, b

@@ -27,8 +27,8 @@ def residual_term(constant: float) -> FaultText:
 def natural_frequencies(scatter: float) -> FaultText:
     """Return the message that natural frequencies differ between tests, with its remedy."""
     return FaultText(
-        "Natural frequency and damping differ between the tests: the standard deviation is "
-        f"{percent(scatter, '.2f')}.",
+        "Natural frequency and damping differ between the tests (standard deviation of the natural "
+        f"frequency {percent(scatter, '.2f')}).",
         "One joint with one law has one natural frequency at rest.",
         "If all tests were made on one assembly, the law is wrong: compare laws by `jbw laws`. "
         "Otherwise name the run of every test, and measure a noise record in each run. "

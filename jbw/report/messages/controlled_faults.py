@@ -74,7 +74,8 @@ def amplitude_jumps(before: float, after: float) -> str:
 def jumps(pairs: Sequence[str], jump: str) -> FaultText:
     """Return the message on pairs of points between which the motion jumps, with its size."""
     return FaultText(
-        f"Between points {', '.join(pairs)} {jump}, which is on another branch.",
+        f"Between points {', '.join(pairs)} {jump}: the points lie on different branches of the "
+        "response.",
         "A controlled test follows one branch; a point next to a jump may not have been steady.",
         'Replace the values of unsteady points by NaN and state gaps = "mask", or measure more '
         "points near the jump. If the points were steady, keep the points. "

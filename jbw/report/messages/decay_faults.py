@@ -113,7 +113,7 @@ def second_mode(
 def unexplained(share: float) -> FaultText:
     """Return the message on the fraction of a response that neither mode nor fault explains."""
     return FaultText(
-        f"One mode does not explain {share:.2g} of the response, and no known fault explains it.",
+        f"{share:.2g} of the response is explained neither by one mode nor by a known fault.",
         "Frequency and damping that are fitted to this response do not belong to a mode.",
         "Look at the record: `band` may contain several modes, or no mode.",
     )

@@ -11,7 +11,7 @@ INDEPENDENT = (
 )
 ONE_ASSEMBLY = (
     "Neither campaign has several assemblies: the variation between tightenings is unknown, and "
-    "may alone cause a significant difference."
+    "may alone cause a significant difference. Measure several assemblies in each campaign."
 )
 SHARES = {True: "the modes have two joints", False: "the modes may share one joint"}
 

@@ -50,9 +50,8 @@ FIT_THAT_LEVEL = "Fit a test of the level whose bands are withheld."
 def bands_withheld(names: Sequence[str]) -> str:
     """Return the sentence on held-out tests without a band, with the reason."""
     return (
-        f"The bands of {listed(names)} are withheld: the error of the law exceeds noise, and no "
-        "run that is left out of the fit determines this error at the amplitude of these "
-        "tests."
+        f"The bands of {listed(names)} are withheld: the error of the law exceeds noise, and is "
+        "not known at the amplitude of these tests."
     )
 
 
@@ -72,7 +71,10 @@ def not_scored(levels: str, kind: str) -> str:
     """
     unscored = [f"other levels ({UNSCORED[levels].reason})"] if levels else []
     unscored += [f"other kinds of test (all fitted tests are {kind})"] if kind else []
-    return f"The error of the law in predicting {listed(unscored)} is unknown."
+    return (
+        f"The error of the law in predicting {listed(unscored)} is unknown. To determine this "
+        "error, fit tests of several levels and kinds."
+    )
 
 
 def missed(

@@ -11,7 +11,7 @@ HEAD = """\
 
 [campaign]"""
 FURTHER = "# More keys of a [[test]]; write them below its line `kind`:"
-NO_RESPONSE = "no channel is named like a response."
+NO_RESPONSE = "no channel has the name of a response: name the response in `channels`."
 NAME_RECORD = (
     "Name a record, a campaign file, or a folder that contains records or a campaign file."
 )
@@ -240,7 +240,10 @@ def counts_samples(channel: str) -> str:
 
 def coarse_times(channel: str, fs: float) -> str:
     """Return the note on times with too few digits, with their mean rate [Hz]."""
-    return f"the times in channel {channel} have too few digits; their mean rate is {fs:g} Hz."
+    return (
+        f"the times in channel {channel} have too few digits: check `fs`, which is set to the mean "
+        f"rate, {fs:g} Hz."
+    )
 
 
 def mean_rate(fs: str) -> str:

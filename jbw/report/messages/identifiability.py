@@ -87,9 +87,9 @@ MESSAGES = (
             f"the posterior is {ratio:.2f} times that of the prior."
         ),
         """
-        Check: directions along which the posterior's standard deviation is more than 0.7 times
-        the prior's, in logarithms of parameters that cannot be zero, and in the parameters
-        themselves.
+        Check: find directions along which the standard deviation of the posterior exceeds 0.7
+        times that of the prior. Parameters that cannot be zero are examined in logarithms, and
+        all parameters also without logarithms.
 
         The data do not separate these parameters, or do not constrain them. Small motion
         identifies only alpha*delta and alpha*gamma: the first terms of the loop contain nothing

@@ -31,7 +31,7 @@ def grade(kind: str, parameters: Sequence[str]) -> str:
 
 
 def with_error(name: str, value: float, sd: float, ratio: float) -> str:
-    """Return a parameter with its coefficient of variation, or with its error if that exceeds 1."""
+    """Return a parameter with its coefficient of variation, or above 1 with value and error."""
     return f"{name} ({percent(ratio) if ratio < 1 else f'{value:.2g} +- {sd:.2g}'})"
 
 

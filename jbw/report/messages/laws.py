@@ -22,7 +22,7 @@ def chosen_by_fits(law: str, errors: Mapping[str, float], *, is_white: bool) -> 
         errors: Errors of the fitted laws relative to the rms of the records, in order of the fits.
         is_white: Whether the residuals of the chosen law are white.
     """
-    fitted = f"its error is {percent(errors[law])} of the records' rms"
+    fitted = f"the error of {law} is {percent(errors[law])} of the records' rms"
     others = [f"{name} {percent(error)}" for name, error in errors.items() if name != law]
     reason = "only noise remains" if is_white else "the residual of every tried law exceeds noise"
     than = f" (errors of other laws: {', '.join(others)})" if others else ""
@@ -145,12 +145,18 @@ def at_bound(law: str, parameters: Sequence[str]) -> str:
 
 def unreliable_scores(laws: Sequence[str], khat: float) -> str:
     """Return the sentence on laws whose scores of held-out sessions depend on few draws."""
-    return f"Held-out scores of {', '.join(laws)} are unreliable (k-hat above {khat:g})."
+    return (
+        f"Held-out scores of {', '.join(laws)} are unreliable (k-hat above {khat:g}): do not "
+        "compare laws by these scores."
+    )
 
 
 def unreliable_evidence(laws: Sequence[str], khat: float) -> str:
     """Return the sentence on laws whose evidence depends on few draws."""
-    return f"The evidence of {', '.join(laws)} is unreliable (k-hat above {khat:g})."
+    return (
+        f"The evidence of {', '.join(laws)} is unreliable (k-hat above {khat:g}): do not compare "
+        "laws by this evidence."
+    )
 
 
 def best_within(law: str, error: float) -> str:

@@ -130,7 +130,8 @@ def between_ends(
     y: Sequence[float], shift: float, half_widths: float, damping: tuple[float, float], kind: str,
 ) -> str:  # fmt: skip
     """Return the sentence on the difference between the weakest and the strongest motion."""
-    word = f"yes, it {kind}, if the records differ only in amplitude" if kind else "not detected"
+    yes = f"yes, the joint {kind}, if the records differ only in amplitude"
+    word = yes if kind else "not detected"
     return (
         f"Nonlinear: {word}. From {reach(y)} ({len(y)} values, too few for an exponent) the "
         f"frequency {'falls' if shift < 0 else 'rises'} by {percent(abs(shift))}, "

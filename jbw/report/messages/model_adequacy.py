@@ -221,7 +221,7 @@ MESSAGES = (
         "each other. {another_law}",
     ),
     Message(
-        "leave_one_out.none", "Leaving any single session out of the fit loses no information."
+        "leave_one_out.none", "No single session contains information that the other sessions lack."
     ),
     Message(
         "records_apart",

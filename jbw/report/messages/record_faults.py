@@ -168,7 +168,7 @@ def swapped(of: str = "", ratio: float | None = None) -> FaultText:
     return FaultText(
         f"Input and response{of} seem to be swapped{peaked}.",
         "A resonance belongs to the response, not to the input.",
-        "Check which channel is which.",
+        "Check which channel is the input and which is the response, and correct `channels`.",
     )
 
 
@@ -185,11 +185,11 @@ def incoherent(coherence: float) -> FaultText:
 def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultText:
     """Return the message that the response is largest outside the band."""
     return FaultText(
-        f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz, at "
-        f"{ratio:.3g} times the centre of the band.",
+        f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz; this "
+        f"frequency is {ratio:.3g} times the centre of the band.",
         "A factor of 6.28 suggests rad/s, 2 suggests half the sampling frequency, and 1.024 a "
         "rate of 1000 Hz that was rounded from 1024 Hz.",
-        "Check fs and band.",
+        "Check `fs` and `band`.",
     )
 
 

@@ -77,8 +77,8 @@ def in_degrees(phase: float) -> FaultText:
 def loop_turned(rises: float, work: float) -> FaultText:
     """Return the message on a loop with a wrong sign: correlation and work [J]."""
     return FaultText(
-        f"The force falls where the displacement rises (correlation {rises:.2g}), with a work of "
-        f"{work:.3g} J over the record.",
+        f"The force falls where the displacement rises (correlation {rises:.2g}); the work over "
+        f"the record is {work:.3g} J.",
         "Force or displacement has a reversed sign: a joint has stiffness and dissipates energy.",
         "Put under [[test]]: `scale = { displacement = -1.0 }`.",
     )

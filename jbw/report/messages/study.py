@@ -37,7 +37,7 @@ def step_2(y_rms: float, repeats: int) -> str:
     )
     return (
         f"Fitted at an rms displacement of {number(1000000.0 * y_rms, '.2g')} um: omega_n is "
-        "the natural frequency at this amplitude, which softening of the joint lowers. "
+        "the natural frequency at this amplitude, where softening of the joint lowers omega_n. "
         f"{counted}."
     )
 
@@ -207,7 +207,7 @@ def unfinished(folder: str) -> str:
 def further_units(torque: float | None, *, of_units: bool) -> str:
     """Return the message on the units that a prediction concerns, and the gain used."""
     at = "" if torque is None else f" at {torque:.3g} N m"
-    gain = "the gains of the measured units" if of_units else "the campaign's gain for its tests"
+    gain = "the gains of the measured units" if of_units else "the gain stated in the campaign"
     return f"New units{at}, with {gain}"
 
 

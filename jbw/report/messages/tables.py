@@ -53,7 +53,7 @@ def rests_on(parameters: Sequence[str]) -> str:
 
 def beyond(reach: float) -> str:
     """Return the remark on a test that exceeds the fitted displacement."""
-    return f"its motion is {reach:.2g} times the largest fitted displacement"
+    return f"the motion of the test is {reach:.2g} times the largest fitted displacement"
 
 
 def laws(campaign: str) -> str:

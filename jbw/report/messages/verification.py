@@ -15,7 +15,7 @@ ERROR_ALONE = (
     "noise not known: the band contains the uncertainty of the parameters and the model discrepancy"
 )
 OWN = "noise of this test, as fitted"
-ALIKE = "median of the fitted tests of its kind"
+ALIKE = "median of the fitted tests of the test's kind"
 REPEATS = "variation between the test's repeats"
 UNKNOWN = "noise not known: the band contains only the uncertainty of the parameters"
 LEFT_OUT = "noise left out, as requested: the band contains only the uncertainty of the parameters"

@@ -72,12 +72,12 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("Step 4",): (
         "The fit by which Teloli et al. determine gamma alone from sweeps, with the results of "
-        "Step 3 fixed. The joint posterior updates all parameters together; if there are both, "
-        "use the joint posterior."
+        "Step 3 fixed. The joint posterior updates all parameters together; if both results "
+        "exist, use the joint posterior."
     ),
     ("joint posterior", "joint"): (
-        "The posterior of all parameters from all fitted tests together: the main result of a "
-        "run. Elsewhere the joint is the bolted joint itself."
+        "The joint posterior is the posterior of all parameters from all fitted tests together: "
+        'the main result of a run. In all other places, "joint" means the bolted joint.'
     ),
     ("held out", "hold_out"): (
         "A test that is not fitted, but kept to check predictions. State it by "
@@ -201,15 +201,15 @@ WORDS: dict[tuple[str, ...], str] = {
         "A sampler without gradients, for posteriors that are nearly Gaussian around the fit."
     ),
     ("evidence", "log evidence"): (
-        "How well a law predicts the data before any parameter is fitted. Differences above "
-        "about 5 nats are decisive."
+        "The probability of the data under a law, averaged over the prior of the parameters. "
+        "Differences of log evidence above about 5 nats are decisive."
     ),
     ("log score", "elpd", "LOO"): (
-        "How well each test is predicted by fits without this test, summed over the tests, in "
-        "nats. Larger is better."
+        "The log probability of each test as predicted by fits without this test, summed over the "
+        "tests, in nats. Larger is better."
     ),
-    ("sampler",): ("How the draws are made, such as AMIS or NUTS."),
-    ("evaluations",): ("How often the model was solved."),
+    ("sampler",): ("The method that makes the draws, such as AMIS or NUTS."),
+    ("evaluations",): ("The number of solutions of the model."),
     ("warm [s]", "cold [s]"): (
         "Time of a sampler when everything is compiled already (warm), and including the "
         "compilation (cold)."
