@@ -175,7 +175,7 @@ def _square(name: str, matrix: Any) -> Sparse:
     if stored.ndim != 2 or stored.shape[0] != stored.shape[1] or stored.shape[0] == 0:
         raise DataError(
             f"Matrix {name} must be square, but has the shape {stored.shape}.",
-            remedy="Export the assembled matrix, not its triangle as a vector.",
+            remedy="Export the whole assembled matrix, not a triangle as a vector.",
         )
     stored = _sparse(stored.astype(float))
     if not np.isfinite(stored.data).all():

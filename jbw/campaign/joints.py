@@ -395,5 +395,5 @@ def require_one_joint(joints: SeveralJoints | None, what: str) -> None:
         raise ConfigError(
             f"{what} needs a structure with one joint, but the campaign has `matrices` and "
             f"{len(joints.model.joints)} [[joint]] tables.",
-            remedy="Identify several joints by `jbw identify`; `posterior.nc` has their draws.",
+            remedy="Use `jbw identify`; `posterior.nc` then contains the draws of all joints.",
         )

@@ -114,7 +114,7 @@ def sine_on_random(
     raise ModelError(
         "The amplitude of the sine during the random motion must become steady, but still changes "
         f"by {float(np.max(np.abs(s / before - 1.0))):.2g} after {MOST_ROUNDS} iterations.",
-        why="Its response curve may fold at this level.",
+        why="The response curve of the sine may fold at this level.",
         remedy=INSTEAD,
     )
 

@@ -122,5 +122,5 @@ def _must_have(record: Record, alternatives: tuple[tuple[str, ...], ...], what: 
             raise DataError(
                 f"{record.name}: {what} needs a channel `{' or '.join(roles)}`, "
                 f"but the record has {', '.join(record.channels)}.",
-                remedy="Name it under channels.",
+                remedy=f"Name a channel `{' or '.join(roles)}` in `channels`.",
             )

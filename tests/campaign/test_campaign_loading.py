@@ -179,7 +179,7 @@ def test_wrong_rate_shows_beside_the_band(folder, factor):
     path = campaign_file(folder, extra="band = [30.0, 50.0]")
     with pytest.warns(UserWarning, match=r"outside `band` = \[30, 50\] Hz") as caught:
         load_campaign(path)
-    assert "Check fs and band" in str(caught[0].message)
+    assert "Check `fs` and `band`" in str(caught[0].message)
 
 
 def test_a_record_that_begins_in_motion_is_doubted(tmp_path):

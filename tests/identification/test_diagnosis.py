@@ -80,7 +80,7 @@ def test_a_smooth_pair_is_told_where_straight_lines_are_seen():
     np.testing.assert_allclose(found.spring, spring, rtol=2e-3)
     np.testing.assert_allclose(found.damper, damper, rtol=1e-3)
     noisy = diagnosis_sentences(diagnose(readings(1.0, 0.245, noise=0.02)))
-    assert noisy[2].endswith("these alone do not prove hysteresis.")
+    assert noisy[2].endswith("frequency and damping alone do not prove hysteresis.")
     assert len(diagnosis_sentences(diagnose(readings(0.5, 0.245, noise=1e-3)))) == 2
 
 

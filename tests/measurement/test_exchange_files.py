@@ -223,7 +223,7 @@ def test_bad_sep005_is_refused(change, says, error):
 
 
 def test_sep005_series_need_different_names():
-    with pytest.raises(DataError, match="is given to 2 series"):
+    with pytest.raises(DataError, match="2 series have the name"):
         from_sep005(to_sep005(RECORD) + to_sep005(RECORD))
 
 

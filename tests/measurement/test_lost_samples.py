@@ -29,7 +29,7 @@ def test_a_word_for_a_lost_sample_is_named_and_nothing_else_of_it(code, places):
     count, first = len(MOTION[places]), (np.arange(8000)[places])[0]
     assert what == (
         f"{count} of 8000 samples are {code:g} in SI units, the first at {first / FS:.4g} s; "
-        "all others lie between -0.02 and 0.02."
+        "all other samples lie between -0.02 and 0.02."
     )
 
 

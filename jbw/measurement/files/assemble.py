@@ -192,7 +192,7 @@ def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels
     if any(role in sources for role in INPUTS):
         raise DataError(
             f"the response is per unit of excitation, but `{source}` is given too.",
-            remedy="Leave the excitation out, or name the response's amplitude and its unit.",
+            remedy="Leave the excitation out, or name amplitude and unit of the response.",
         )
     unit = si_unit(QUANTITIES[source][0])
     ones = [np.ones(len(next(iter(read.rows.values()))[0]))]
@@ -311,7 +311,7 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
     if not (stated_unit or stated):
         raise ConfigError(
             f"the unit of role `{role}` is missing.",
-            why="A wrong unit gives a wrong joint without any sign of it.",
+            why="A wrong unit gives a wrong joint without a warning.",
             remedy=f"Put under [[test]]: `units = {toml_table(request.units, **{role: 'UNIT'})}`, "
             f'where UNIT is such as "{si_unit(QUANTITIES[role][0])}".',
         )

@@ -163,7 +163,7 @@ def _reader_of(path: Path) -> str:
     if suffix in PICKLES:
         raise DataError(
             f"File `{path.name}` is a pickle, which is never read.",
-            why="Opening a pickle runs whatever program it carries.",
+            why="Opening a pickle runs any program that the pickle contains.",
             remedy="Save the arrays with numpy.savez, or as HDF5.",
         )
     if suffix not in READERS:

@@ -159,7 +159,7 @@ def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> Data
         remedy = messages.times_or_rate(_with_time(times[0], request))
     return DataError(
         "the sampling frequency is missing.",
-        why="The file does not state the sampling frequency, and it cannot be guessed.",
+        why="The file does not state the sampling frequency, which cannot be guessed.",
         remedy=remedy,
     )
 

@@ -97,7 +97,7 @@ def _checked(file: Any, logged: Sequence[logging.LogRecord], path: Path) -> Cont
         raise DataError(
             f"File `{path}` ({path.stat().st_size} bytes) is cut short: only {num_samples} samples "
             "of its channels can be read by the tdms reader.",
-            remedy="Copy the file again; the recorder may not have closed it.",
+            remedy="Copy the file again; the recorder may not have closed the file.",
         )
     for record in logged:
         if "not a multiple" in record.getMessage():

@@ -28,7 +28,7 @@ def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
     return FaultText(
         f"The blow comes {blow_s:.3g} s after the start of the record"
         + (f" and its `settle` of {settle_s:g} s." if settle_s > 0 else "."),
-        "The motion before the blow is not a free decay, but would be fitted as one.",
+        "A fit would take the motion before the blow for a part of the free decay.",
         f"Put under [[test]]: `settle = {settle}`.",
     )
 
@@ -124,6 +124,6 @@ def windowed(tau_s: float, error: float) -> FaultText:
     return FaultText(
         f"The noise decays too, with a time constant of {tau_s:.3g} s (standard error "
         f"{error:.1g}).",
-        "An exponential window was applied to the record, and its damping is added to the mode's.",
+        "An exponential window was applied to the record, and adds damping to the mode.",
         f"Put under [[test]]: `window_s = {tau_s:.3g}`.",
     )

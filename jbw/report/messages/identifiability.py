@@ -118,6 +118,6 @@ MESSAGES = (
         Remedy: report each mode with its weight. A test at another level often decides between
         them (`jbw plan DIR`).
         """,
-        remedy="Report each mode with its weight: a mean over both modes describes neither.",
+        remedy="Report each mode with its weight: a mean over both modes describes no mode.",
     ),
 )

@@ -121,7 +121,7 @@ def lost_samples(
     low, high = others
     return FaultText(
         f"{count} of {total} samples are {value:.6g} in SI units, the first at {first_s:.4g} s; "
-        f"all others lie between {low:.3g} and {high:.3g}.",
+        f"all other samples lie between {low:.3g} and {high:.3g}.",
         "Some loggers write a fixed number for every lost sample.",
         remedy,
     )

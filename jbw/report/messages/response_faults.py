@@ -11,7 +11,7 @@ NO_PHASE = FaultText(
     "Name the channel that contains the phase.",
 )
 NEGATIVE_AMPLITUDE = FaultText(
-    "The amplitude of the input must be positive at every frequency, but it is not.",
+    "The amplitude of the input must be positive at every frequency, but is not.",
     remedy="Give amplitudes, not instantaneous values; correct the polarity in the response.",
 )
 RISING_PHASE = "its phase rises with frequency"
@@ -97,7 +97,7 @@ def offset(ratio: float, of: str = "") -> FaultText:
     """Return the message on a response's offset, relative to its standard deviation."""
     return FaultText(
         f"The response{of} has an offset of {ratio:.2g} times its standard deviation.",
-        "An offset of the channel is not a motion, but would be fitted as one.",
+        "A fit would take the offset of the channel for a motion.",
         "Put under [[test]]: `remove_mean = true`.",
     )
 
