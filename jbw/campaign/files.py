@@ -113,7 +113,7 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
         listed = ", ".join(f"{column[0][0].name}: {len(column)}" for column in columns)
         raise DataError(
             f"Test {test.name!r} must have equally many files for each role, but has {listed}.",
-            remedy="Name equally many files for each role; files are paired in their natural order.",
+            remedy="Name equally many files for each role: files are paired in natural order.",
         )
     return [list(parts) for parts in zip(*columns, strict=True)]
 

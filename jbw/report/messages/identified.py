@@ -105,7 +105,8 @@ def profile_refused(name: str, count: int) -> str:
     """Return the sentence on points of a profile at which the model could not be solved."""
     points = "1 point" if count == 1 else f"{count} points"
     return (
-        f"The profile likelihood of {name} lacks {points}, at which the model could not be solved."
+        f"The profile likelihood of {name} lacks {points}, at which the model could not be solved: "
+        f"narrow the prior of {name}, or raise `substeps`."
     )
 
 
@@ -123,7 +124,8 @@ def waterfall(total: int, near: int) -> str:
         return ONE_START
     if near == 1:
         return (
-            f"Only 1 of {total} starts of the fit reached the lowest cost: a better fit may exist."
+            f"Only 1 of {total} starts of the fit reached the lowest cost. A better fit may exist: "
+            "identify again with another `seed`."
         )
     number = f"All {total}" if near == total else f"{near} of {total}"
     return f"{number} starts of the fit ended within 1 % of the lowest cost."

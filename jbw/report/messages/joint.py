@@ -58,7 +58,7 @@ def law_disagrees(method: str, found: Any, what: str, right: Any) -> str:
 
 def law_fails(method: str, reason: str) -> str:
     """Return the message that testing a law raised an error in a method."""
-    return f"it cannot be tested further after `{method}`: {reason}"
+    return f"the law cannot be tested further after `{method}`: {reason}"
 
 
 def _number(value: Any) -> str:
