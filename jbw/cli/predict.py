@@ -97,7 +97,7 @@ class FromTo(click.ParamType):
     help="Include only the uncertainty of the parameters in the bands.",
 )
 @click.option(
-    "--draws", type=int, default=100, show_default=True, help="Number of draws for the bands."
+    "--draws", type=int, default=100, show_default=True, help="Draws from which bands are computed."
 )
 @out_option("DIR/predictions")
 @json_option

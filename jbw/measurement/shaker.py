@@ -92,7 +92,7 @@ def fit_attachment(
     if np.ptp(v) == 0 or np.ptp(x) == 0:
         dead = "voltage" if np.ptp(v) == 0 else "response"
         raise DataError(
-            f"Channel `{dead}` must vary to determine the attachment, but is constant.",
+            f"Channel `{dead}` is constant, so that the attachment cannot be determined.",
             remedy=f"Check the sensor of `{dead}`, or give another channel.",
         )
     freq = np.fft.rfftfreq(len(v), 1 / sampling(fs))
