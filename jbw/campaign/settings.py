@@ -139,8 +139,8 @@ class Identify(FileTable):
     num_warmup: values.Index | None = key(None, "warm-up draws per chain", 500)
     budget_s: values.Positive = key(
         900.0,
-        "time [s] in which the draws of the joint posterior must become sufficient; with "
-        "num_samples that many draws are made, sufficient or not",
+        "time limit [s] for drawing from the joint posterior until the draws are sufficient; if "
+        "num_samples is stated, that number is drawn instead, sufficient or not",
         600.0,
     )
     seed: values.Index = key(0, "seed of the random numbers", 0)
@@ -361,14 +361,17 @@ def never_steady(laws: Sequence[str], kinds: Iterable[str]) -> str | None:
 def _out_of_bounds(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str]:
     unknown = [name for name in prior if name not in quantities]
     if len(unknown) > LISTED:
-        yield f"{len(unknown)} unknown parameters: {', '.join(unknown[:3])[:60]}, ..."
+        yield (
+            f"{len(unknown)} unknown parameters: {', '.join(unknown[:3])[:60]}, ...; "
+            "state only parameters of the chosen laws."
+        )
         return
     for name, (lower, _) in prior.items():
         if name not in quantities:
             from jbw.oscillator.laws import LAWS
 
             owners = [law.name for law in LAWS.values() if name in law.names()]
-            owner = f" of the chosen laws; law `{owners[0]}` has this parameter" if owners else ""
+            owner = f" of the chosen laws; law `{owners[0]}` has {name}" if owners else ""
             yield f"{name}: unknown parameter{owner}{unlike(name, quantities)}."
             continue
         if (must := must_be(quantities[name], lower)) is not None:

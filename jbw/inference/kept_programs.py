@@ -30,7 +30,7 @@ DIGEST_BYTES = 32  # a kept program begins with the SHA-256 hash of the rest
 
 
 class _UnnamedError(Exception):
-    """A value has no text that an equal value would have in another process."""
+    """The error for a value without a text that identifies the value in any process."""
 
 
 class _Kept:
@@ -58,7 +58,7 @@ class KeptProgram[**P, R]:
         update_wrapper(self, function)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Call the function by its program."""
+        """Call the function through its compiled program."""
         if not _Kept.on:
             return self._compiled(*args, **kwargs)
         leaves, tree = jax.tree.flatten((args, kwargs))

@@ -70,7 +70,7 @@ def in_degrees(phase: float) -> FaultText:
     return FaultText(
         f"The phase reaches {phase:.3g} rad, more than three turns.",
         "The phase is probably in degrees.",
-        'Give units = { phase = "deg" }.',
+        'Put under [[test]]: `units = { phase = "deg" }`.',
     )
 
 
