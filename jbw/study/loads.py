@@ -41,7 +41,7 @@ ONE_HARMONIC = 1e-3
 MANY = 8  # number of odd harmonics that are computed above the ratio `ONE_HARMONIC`
 # smallest distance between two modes that are predicted one by one, in half-power widths
 APART = 10.0
-# odd multiples of a mode's frequency near which another mode takes up energy, and how near
+# odd multiples of a frequency at which another mode takes up energy, and tolerance for these
 ORDERS, NEAR = (3, 5), 0.05
 TAU = 2.0 * np.pi
 Complexes = NDArray[np.complex128]
@@ -94,8 +94,8 @@ def load_on(basis: Basis, load: Load) -> Load:
     identified = any(test.drive == BASE for test in basis.seen.values())
     if load.is_base and has_several(basis) and not (identified and np.isnan(stated)):
         raise ConfigError(
-            "A moving base needs the participation of every mode, but the run has several modes "
-            "and was identified from other drives, or `participation` states a single one.",
+            "A moving base needs the participation of every mode. The run has several modes, but "
+            "was not identified on a moving base, or `participation` states only one number.",
             remedy="Identify a test on a moving base, and leave out `participation`.",
         )
     if np.isnan(stated):

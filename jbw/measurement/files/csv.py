@@ -432,7 +432,7 @@ def _columns(
     except ValueError:
         return _cell_by_cell(body, dialect)
     if matrix.shape[1] != dialect.columns:
-        raise ValueError(f"{matrix.shape[1]} columns in place of {dialect.columns}")
+        raise ValueError(f"the table has {matrix.shape[1]} columns instead of {dialect.columns}")
     return list(matrix.T), frozenset()
 
 

@@ -177,7 +177,7 @@ def unread(name: str, reason: str) -> FaultText:
 
 def read_by_kinds(kinds: str) -> str:
     """Return the reason why a setting has no effect: it applies only to absent kinds of test."""
-    return f"only tests of kind {kinds} use it, and the campaign has no such test"
+    return f"only tests of kind {kinds} use this key, and the campaign has no test of this kind"
 
 
 def no_test_of_kind(kind: str) -> str:
@@ -192,7 +192,7 @@ def nothing_to_adapt(sampler: str) -> str:
 
 def no_coordinates(laws: str) -> str:
     """Return the reason why a setting has no effect: no law offers other coordinates."""
-    return f"no law of the joint ({laws}) offers other parametrisations"
+    return f"no law of the joint ({laws}) has alternative parametrisations"
 
 
 def put_same_as(joint: str, leader: str) -> str:

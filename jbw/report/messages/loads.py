@@ -114,7 +114,7 @@ BASE_NEEDS = "Option --base needs a load: --response, --psd or --shock."
 RESPONSE_NEEDS = "Option --response needs --level, and --notch needs --response and --level."
 
 
-SINE_NEEDS = "Option --sine needs --psd, the random profile beside the sine."
+SINE_NEEDS = "Option --sine needs --psd, the random vibration to which the sine is added."
 
 
 def no_sine(text: str) -> str:

@@ -114,7 +114,7 @@ def numbered(mode: int, hz: float) -> str:
     return f"Mode {mode}, at {hz:.4g} Hz,"
 
 
-MOTION_FACTOR = "measured motion relative to that of the matrices"
+MOTION_FACTOR = "measured motion relative to the structural model"
 LAWS_BY_MODEL = (
     "If no factor is stated for a joint in a mode, the motion of the joint is taken from the "
     "matrices; the laws of the joint refer to the motion in the modes without a factor."

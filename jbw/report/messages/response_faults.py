@@ -105,8 +105,8 @@ def offset(ratio: float, of: str = "") -> FaultText:
 def already_moving(share: float) -> FaultText:
     """Return the message on motion at a record's start, relative to its usual motion."""
     return FaultText(
-        f"The motion at the start of the record is {percent(share, '.0f')} of its usual size, "
-        "but the model of such a test starts from rest.",
+        f"The motion at the start of the record is {percent(share, '.0f')} of the usual motion, "
+        "but the model of this kind of test starts from rest.",
         "The effect of the earlier motion would be taken for an error of the law.",
         "Set `settle` to the time in which free motion dies out, about 6 / (zeta omega_n), or "
         "let `span` begin where the structure is at rest.",
