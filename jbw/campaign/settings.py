@@ -371,7 +371,7 @@ def _out_of_bounds(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator
             from jbw.oscillator.laws import LAWS
 
             owners = [law.name for law in LAWS.values() if name in law.names()]
-            owner = f" of the chosen laws; law `{owners[0]}` has {name}" if owners else ""
+            owner = f" of the chosen laws; law `{owners[0]}` has this parameter" if owners else ""
             yield f"{name}: unknown parameter{owner}{unlike(name, quantities)}."
             continue
         if (must := must_be(quantities[name], lower)) is not None:

@@ -248,7 +248,7 @@ JOINT = "[joint]\nlaws = {laws}\n[[test]]"
             '["cubic"]',
             "[identify] prior: alpha: unknown parameter of the chosen laws; law `bouc_wen` has",
         ),
-        ("[]", "alpha: unknown parameter of the chosen laws; law `bouc_wen` has alpha"),
+        ("[]", "alpha: unknown parameter of the chosen laws; law `bouc_wen` has this parameter"),
         ('[""]', "[joint] laws: must be a string or a list of strings"),
         ("3", "[joint] laws: must be a string or a list of strings"),
     ],
