@@ -265,7 +265,7 @@ def structure_errors(
             listed = ", ".join(points) or "of which there are none"
             yield (
                 f"[structure] points: must name `{point}`, where test `{test.name}` has a "
-                f"response, but names {listed}; add it there."
+                f"response, but names {listed}; add `{point}`."
             )
     if structure is None:
         return
@@ -353,7 +353,7 @@ def never_steady(laws: Sequence[str], kinds: Iterable[str]) -> str | None:
     return (
         f"under `{worn[0]}` every cycle changes the joint, but tests of kind "
         f"{', '.join(f'`{kind}`' for kind in steady)} are predicted by steady motion. Put "
-        "them into a separate campaign, with the same law before damage. Put under [joint]: "
+        "these tests into a separate campaign, with the same law before damage. Put under [joint]: "
         '`laws = ["bouc_wen_nu"]`.'
     )
 

@@ -20,7 +20,7 @@ def few_values(
 
 def put_wider_band(low: float, high: float) -> str:
     """Return the remedy with a band [Hz] that is wide enough for the record's length."""
-    return f"Put under [[test]]: `band = [{low:g}, {high:g}]`, where no other mode lies in it."
+    return f"Put under [[test]]: `band = [{low:g}, {high:g}]`, if only one mode lies in this band."
 
 
 def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:

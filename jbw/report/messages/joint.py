@@ -104,7 +104,8 @@ def prior_beyond_motion(name: str, least: float, most: float, y_peak: float) -> 
     what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
     return (
         f"The prior of {name} {what} m, but the largest motion is {y_peak:.3g} m: a gap wider than "
-        "this never closes, and its parameters have no effect. Lower the bound, or drive harder."
+        f"this never closes, and the gap's parameters have no effect. Lower the bound of {name}, "
+        "or drive the structure harder."
     )
 
 

@@ -61,8 +61,8 @@ def isolated(what: str, share: float) -> str:
     """Return the warning that response curves have a branch that is not connected to the rest."""
     return (
         f"{what} has a second branch of larger motion in {100 * share:.3g} % of the draws, which a "
-        "slow sweep from rest does not reach but a shock may. The prediction is that of the main "
-        "branch. Stay below this level, or follow both by `jbw.steady_state`."
+        "slow sweep from rest does not reach but a shock may. The prediction follows the main "
+        "branch. Stay below this level, or compute both branches by `jbw.steady_state`."
     )
 
 
@@ -157,15 +157,15 @@ def earlier_posterior(run: str) -> str:
     """Return the message that predictions were made with an earlier posterior of the run."""
     return (
         f"{run}/predictions contains predictions under other loads that were made with an "
-        "earlier posterior of this run. Predict them again with `jbw predict`."
+        "earlier posterior of this run. Repeat these predictions with `jbw predict`."
     )
 
 
 def unreadable_loads(run: str) -> str:
     """Return the message for saved predictions that cannot be read."""
     return (
-        f"The predictions under other loads in {run}/predictions cannot be read. Predict them "
-        "again with `jbw predict`."
+        f"The predictions under other loads in {run}/predictions cannot be read. Repeat "
+        "these predictions with `jbw predict`."
     )
 
 

@@ -28,8 +28,8 @@ def one_joint(evidence: str, least: float) -> str:
 def no_shared_joint(evidence: str) -> str:
     """Return the message that there is no sign of a shared joint."""
     return (
-        f"The data do not show that the other modes move the joint: {evidence}. Drive harder, or "
-        "leave these modes out of `modes`."
+        f"The data do not show that the other modes move the joint: {evidence}. Drive the "
+        "structure harder, or leave these modes out of `modes`."
     )
 
 

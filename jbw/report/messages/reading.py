@@ -154,7 +154,7 @@ def oversampled(per_cycle: float, hz: float, ordinal: str, fs: float, every: int
     """Return the note that a sampling frequency is higher than necessary."""
     return (
         f"The record has {per_cycle:.0f} samples per cycle of its strongest frequency, {hz:.4g} "
-        f"Hz: low-pass it and export every {ordinal} sample ({fs:g} Hz); a fit then takes "
+        f"Hz: low-pass the record and export every {ordinal} sample ({fs:g} Hz); a fit then takes "
         f"{100 / every:.0f} % of the time."
     )
 

@@ -6,7 +6,7 @@ from jbw.report.messages.message import FaultText, percent
 
 NO_PHASE = FaultText(
     "The response is in phase with the input at every frequency.",
-    "The response of a damped structure lags the input; without its phase the damping cannot "
+    "The response of a damped structure lags the input; without the phase the damping cannot "
     "be determined.",
     "Name the channel that contains the phase.",
 )
@@ -87,7 +87,7 @@ def loop_turned(rises: float, work: float) -> FaultText:
 def undecaying(times: float) -> FaultText:
     """Return the message that the response of a free decay does not decrease."""
     return FaultText(
-        f"The response of the last quarter is {times:.2g} times that of the first.",
+        f"The response of the last quarter is {times:.2g} times the response of the first.",
         "A free decay falls; this record may be driven, or may begin before the impact.",
         "Correct the key `kind`, or cut the record with `span` or `settle`.",
     )
