@@ -16,7 +16,7 @@ from jbw.report.messages import remedies
 
 DIGITS = 6  # digits of the ends of a proposed span, relative to its length
 LEAST = 0.05  # share of a record below which a part is not worth keeping
-MOST = 0.3  # share of the response's energy below which a part is not worth keeping
+MOST = 0.1  # share of the response's energy below which a part is not worth keeping
 SPAN = "span"  # key of a record's provenance
 
 

@@ -15,6 +15,7 @@ Reference:
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypothesis import ODDS
+from jbw.measurement.faults.plausibility import LOOKED_AT
 from jbw.measurement.faults.second_mode import beside
 from jbw.measurement.records import Record
 from jbw.measurement.resonances import (
@@ -55,6 +57,8 @@ def second_resonance(
     record: Record, band_hz: tuple[float, float] | None, delay_s: float
 ) -> Iterator[Fault]:
     """Yield a warning if two modes, or a mode and a steady line, explain a resonance better."""
+    channels = {role: x[:LOOKED_AT] for role, x in record.channels.items()}
+    record = replace(record, channels=channels)
     try:
         lines = driven_lines(record, band_hz)
         if not np.all(np.isfinite(lines.y)) or not np.any(lines.y):

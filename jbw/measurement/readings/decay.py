@@ -537,7 +537,8 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
     if decaying and not _decays(linear, scale, signal):
         # A steady line outlasts the mode and was fitted in its place, so it counts as noise.
         noise = float(np.sqrt(np.mean(signal.size[-max(len(signal.z) // 10, 8) :] ** 2)))
-        signal, linear = replace(signal, tail=noise), decaying[0]
+        signal = replace(signal, tail=noise)
+        linear = min(decaying, key=lambda fit: fit.squares)
         linear = fit_decay(signal, "linear", linear.theta, scale, weight_at(signal.size))
     size = signal.size
     for _ in range(2):

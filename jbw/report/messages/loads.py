@@ -57,6 +57,10 @@ def threshold_beyond(what: str, mechanism: str, y: float, rests: str) -> str:
     )
 
 
+ONE_DRAW = "one draw, `jax.tree.map(lambda x: x[0], study.joints())`"
+WITH_ALL_MODES = f"Follow all branches and modes of {ONE_DRAW}, by `jbw.response_curve`."
+
+
 def isolated(what: str, share: float) -> str:
     """Return the warning that response curves have a branch that is not connected to the rest."""
     return (
@@ -71,8 +75,7 @@ def internal_resonance(what: str, own_hz: float, other_hz: float) -> str:
     return (
         f"{what} moves the mode at {own_hz:.4g} Hz, whose harmonics also move the mode at "
         f"{other_hz:.4g} Hz, near an odd multiple. The prediction balances all modes with 8 "
-        "harmonics and follows one branch. Check one draw for further branches by "
-        "`jbw.response_curve`, with the structure `jax.tree.map(lambda x: x[0], study.joints())`."
+        f"harmonics and follows one branch. {WITH_ALL_MODES}"
     )
 
 
