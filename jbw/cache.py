@@ -12,6 +12,12 @@ import platformdirs
 KEPT_DAYS = 30  # number of days after which an unused file is removed
 
 
+class Programs:
+    """Whether this process keeps the programs of compiled functions in the cache."""
+
+    are_kept = False
+
+
 def cached(folder: str, name: str) -> bytes | None:
     """Return the content of a file in the user's cache; None if it cannot be read."""
     path = platformdirs.user_cache_path("jbw") / folder / name

@@ -268,7 +268,7 @@ def motion_factor(mode: int, joint: str) -> Quantity:
     number = str(mode).translate(_LOWERED)
     return Quantity(
         name_at(f"{MOTION_FACTOR}_{mode}", joint), f"f{number} {joint}", "1",
-        f"motion of {joint} in mode {mode} relative to that of the matrices", 0.0, is_open=True,
+        f"motion of {joint} in mode {mode} relative to the structural model", 0.0, is_open=True,
     )  # fmt: skip
 
 

@@ -13,6 +13,7 @@ from decays import decay_test
 from made_runs import a_tree
 
 from jbw.identification.joint import draw_noise_std
+from jbw.identification.paper.routes import compare_routes
 from jbw.identification.paper_route import PaperRoute
 from jbw.identification.procedure import Posteriors
 from jbw.measurement.records import Record, Test
@@ -21,7 +22,6 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.loops import Loops
 from jbw.observables.residual_terms import has_own
 from jbw.observables.steady import Points
-from jbw.study.comparisons import compare_routes
 from jbw.verification import groups
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.bands import errors

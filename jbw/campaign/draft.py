@@ -159,7 +159,9 @@ def start_campaign(
     if not any("[[test]]" in block for block in blocks):
         raise DataError(
             f"Folder `{folder}` has no measurement file that can be read.",
-            remedy=" ".join(["Suffixes: " + ", ".join(READERS) + ".", *_once(assumed)]),
+            remedy=" ".join(
+                ["Export the records to one of: " + ", ".join(READERS) + ".", *_once(assumed)]
+            ),
         )
     head = _head(folder, mass, torques)
     drafted = any("\nband = " in block for block in blocks)
@@ -560,7 +562,9 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Dra
         clock = looked.series[channel.path]
         unit, fs = _of_times(channel, looked)
         if traits.is_prescribed and np.any(np.diff(np.ravel(load(clock))) <= 0):
-            return DraftedClock(True, ("time",), (), tuple(lines), ())  # A loop needs no clock.
+            return DraftedClock(
+                True, ("time",), (), tuple(lines), ()
+            )  # A force loop needs no times.
         if not unit:  # times without a unit that only count samples
             return DraftedClock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
         if fs and not rates:

@@ -82,7 +82,7 @@ def read_spec(path: Path) -> CampaignSpec:
 
 
 def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
-    """Validate the text of a campaign file and report all errors; `file` is its name in them."""
+    """Validate the text of a campaign file and report all errors; errors name it `file`."""
     document = document_of(source, file)
     errors = unknown_tables(document, CampaignFile.model_fields)
     head = checked(Head, document.get("campaign", {}), "[campaign]", errors) or Head()

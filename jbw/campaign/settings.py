@@ -139,8 +139,8 @@ class Identify(FileTable):
     num_warmup: values.Index | None = key(None, "warm-up draws per chain", 500)
     budget_s: values.Positive = key(
         900.0,
-        "time [s] in which the draws of the joint posterior must become sufficient; with "
-        "num_samples that many draws are made, sufficient or not",
+        "time limit [s] for drawing from the joint posterior until the draws are sufficient; if "
+        "num_samples is stated, that number is drawn instead, sufficient or not",
         600.0,
     )
     seed: values.Index = key(0, "seed of the random numbers", 0)
@@ -265,7 +265,7 @@ def structure_errors(
             listed = ", ".join(points) or "of which there are none"
             yield (
                 f"[structure] points: must name `{point}`, where test `{test.name}` has a "
-                f"response, but names {listed}; add it there."
+                f"response, but names {listed}; add `{point}`."
             )
     if structure is None:
         return
@@ -353,7 +353,7 @@ def never_steady(laws: Sequence[str], kinds: Iterable[str]) -> str | None:
     return (
         f"under `{worn[0]}` every cycle changes the joint, but tests of kind "
         f"{', '.join(f'`{kind}`' for kind in steady)} are predicted by steady motion. Put "
-        "them into a separate campaign, with the same law before damage. Put under [joint]: "
+        "these tests into a separate campaign, with the same law before damage. Put under [joint]: "
         '`laws = ["bouc_wen_nu"]`.'
     )
 
@@ -361,7 +361,10 @@ def never_steady(laws: Sequence[str], kinds: Iterable[str]) -> str | None:
 def _out_of_bounds(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str]:
     unknown = [name for name in prior if name not in quantities]
     if len(unknown) > LISTED:
-        yield f"{len(unknown)} unknown parameters: {', '.join(unknown[:3])[:60]}, ..."
+        yield (
+            f"{len(unknown)} unknown parameters: {', '.join(unknown[:3])[:60]}, ...; "
+            "state only parameters of the chosen laws."
+        )
         return
     for name, (lower, _) in prior.items():
         if name not in quantities:

@@ -168,7 +168,7 @@ class TestSpec(FileTable):
     window_s: values.Positive | None = key(
         None,
         "time constant [s] of the exponential window that the analyser applied to a decay; "
-        "the window is removed, counted from the record's first sample",
+        "this window is removed, with time counted from the record's first sample",
         2.0,
     )
     lines_hz: values.Frequencies = key(

@@ -43,8 +43,8 @@ if TYPE_CHECKING:
     "--population",
     "fleet",
     is_flag=True,
-    help="Compare how well numbers of assemblies and torques determine a trend, before any is "
-    "tightened.",
+    help="Compare how well plans with different numbers of assemblies and torques determine a "
+    "trend with torque, before you tighten any joint.",
 )
 @click.option(
     "--torques", default="2:12", show_default=True, help="Torques of a fleet, from:to [N m]."

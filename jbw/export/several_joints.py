@@ -306,7 +306,7 @@ def _plain(
 
 
 def _losing_at(skeleton: Table, hz: float, time: float) -> Table:
-    """Return a force-displacement table with dashpots that lose as much as the joint at `hz`.
+    """Return a force-displacement table with dashpots that lose the joint's energy at `hz`.
 
     The values of the table are in a system whose unit of time has `time` seconds.
     """

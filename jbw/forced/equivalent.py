@@ -256,7 +256,7 @@ def _of_structure(structure: Structure, num_harmonics: int, mode: int) -> Equiva
     if np.any(np.asarray(rows.b)[:, mode] == 0.0):
         raise ModelError(
             f"Field `b` of the `Structure` must not be 0 for mode {mode}, but it is.",
-            why="The source does not act on this mode, which therefore has no resonance.",
+            why=f"The source does not act on mode {mode}, which therefore has no resonance.",
             remedy="Name a mode on which the source acts.",
         )
     return EquivalentMotion(rows, num_harmonics, mode)
@@ -343,7 +343,7 @@ def _rows(joint: Oscillator | Structure) -> Structure:
 
 
 class CondensedMotion(NamedTuple):
-    """The motion whose fundamental is given in one mode, all relative to the amplitude Y there.
+    """The motion for a fundamental of amplitude Y in one mode; all quantities are relative to Y.
 
     Attributes:
         force: Part of the joints in the fundamental's stiffness, sum_j p_mj r_j1 / Y [1/s^2].

@@ -29,11 +29,11 @@ from jbw.forced.table import LoopTable
 from jbw.oscillator.oscillator import Oscillator
 
 NODES = 48  # number of amplitudes of the mode in the table
-SPAN = (1e-3, 100.0)  # these amplitudes, relative to the rms with a stuck joint
+SPAN = (1e-3, 100.0)  # amplitudes of the mode, relative to its rms with a stuck joint
 SAMPLES = 64  # smallest number of samples in a cycle of either frequency
 # cycles of the mode, and of the sine, in a closed path: smallest and largest number, smallest sum
 FEWEST, MOST, LEAST_SUM = 3, 21, 15
-LEAST_SINE = 1e-2  # smallest amplitude of a followed sine, relative to that rms
+LEAST_SINE = 1e-2  # smallest computed sine, relative to the rms with a stuck joint
 # relative change of S at which its iteration ends, and largest number of iterations
 CLOSE, MOST_ROUNDS = 1e-7, 40
 APART = 10.0  # smallest distance of the sine from the mode, in half-power widths
@@ -180,7 +180,7 @@ def _require_slow(motion: EquivalentMotion) -> None:
         raise ModelError(
             "A sine on random vibration needs one mode, whose joint has no force of the speed or "
             "of the square of the displacement.",
-            why="The joint's force is followed along a slow path of both motions.",
+            why="The joint's force is computed for slow motion along a path of both motions.",
             remedy=INSTEAD,
         )
 

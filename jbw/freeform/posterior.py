@@ -109,8 +109,8 @@ class StrengthPosterior:
         solved = left - (variance / (1 + variance) * along) @ self.own.T
         excess = np.maximum(w.of_stiffness.sum(axis=1) - 1.0, 0.0)
         squares = np.sum(left * solved, axis=1) + np.log1p(variance).sum(axis=1)
-        # derivative of minus half the sum of squares with respect to ln(scatter), where scatter is
-        # that between records
+        # derivative of minus half the sum of squares with respect to ln(s), with s the standard
+        # deviation between records
         by_scatter = variance / (1 + variance) * (along**2 / (1 + variance) - 1)
         return self.constant - 0.5 * squares - EXHAUSTED * excess, w, solved, by_scatter
 

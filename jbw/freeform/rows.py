@@ -86,14 +86,14 @@ def rows_of(tables: Sequence[RecordTable]) -> ReadingRows:
     count = sum(len(_picked(table)) for table in tables)
     if count < FEWEST:
         raise DataError(
-            f"A law without a form needs frequency and damping at {FEWEST} amplitudes or more, "
+            f"A free-form law needs frequency and damping at {FEWEST} amplitudes or more, "
             f"but there are {count}.",
             remedy="Add records of other levels, or a free decay.",
         )
     if not all(_is_whole(table) for table in tables):
         raise DataError(
-            "A law without a form needs positive amplitudes and frequencies and finite damping "
-            "ratios, but one value is not.",
+            "A free-form law needs positive amplitudes and frequencies and finite damping ratios, "
+            "but one of these values is not positive or not finite.",
             remedy="Leave out the record for which `jbw look` shows no number.",
         )
     rows, found = _rows(tables), np.nan

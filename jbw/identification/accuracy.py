@@ -147,7 +147,7 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
 
 
 def within_misfit(error: Mapping[str, float]) -> Amendment | None:
-    """Return the amendment that rates a law with a small error as usable; None for a large error.
+    """Return the change of findings that rates a law usable if its error is small; else None.
 
     Long or precise records show residuals beyond noise even where these are only a few per cent of
     the record. Such a law is wrong only in that small part, and the intervals include it.
@@ -164,7 +164,7 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Return the amendment that rates a law by its errors on tests that were not fitted.
+    """Return the change of findings that rates a law by its errors on tests that were not fitted.
 
     It applies where findings rate the law usable. Errors are relative to the rms of their tests. If
     their rms exceeds that of the fitted errors by more than a factor of 1.5, the amendment rates

@@ -138,8 +138,8 @@ def assemble(seen: Measured) -> Dataset:
     All tests are fitted except held-out ones. Held out are tones near the resonance (they
     validate), levels and repeats of sweeps that are not among `fit_levels` and `fit_repeats`,
     tests named by `hold_out`, and kinds that are not among `fit`, where that is given. A multisine
-    of several periods is fitted in time, as steady motion. A noise test enters as the result of
-    its line fit (Step 2).
+    of several periods is fitted in time, as steady motion. A noise test enters as
+    frequency, damping and gain from its FRF (the line fit of Step 2).
 
     Raises:
         DataError: If nothing is left to fit.
@@ -147,7 +147,7 @@ def assemble(seen: Measured) -> Dataset:
     linear, gain = seen.linear, seen.gain
     parts: list[Observable] = []
     if linear is not None and linear.test.name in _names(seen.chosen):
-        # A noise test contributes its line fit to the likelihood.
+        # A noise test contributes its frequency, damping and gain from Step 2.
         if not linear.test.traits.is_periodic:
             linear_gain = gain_of(gain, drive_of(linear.test))
             parts.append(reading_of(linear, linear_gain, seen.laws))
@@ -275,7 +275,7 @@ def _reducible(seen: Measured) -> list[Test]:
 def reading_of(
     linear: LinearStep, gain: float | None = None, laws: tuple[str, ...] = DEFAULT_LAWS
 ) -> LineReading:
-    """Return the line fit of a noise test as a likelihood term, with its gain in campaign units."""
+    """Return the Step 2 fit of a noise test's FRF as a likelihood term; gain in campaign units."""
     scale = np.array([1.0, 1.0, gain or 1.0])
     covariance = linear.pooled.covariance * np.outer(scale, scale)
     run = run_of(linear.test)

@@ -177,8 +177,9 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
     driven = sorted(passed)
     if not driven:
         raise DataError(
-            "[structure] to_hz: a test must drive a mode of the model within 7 % of its frequency, "
-            f"but none drives one of {', '.join(f'{frequencies[i]:.4g}' for i in elastic[:5])} Hz.",
+            "[structure] to_hz: a test must drive a mode of the model within 7 % of the mode's "
+            "frequency, but no test does. Modes of the model: "
+            f"{', '.join(f'{frequencies[i]:.4g}' for i in elastic[:5])} Hz.",
             remedy="Sweep through a mode, or correct `units` and `stiffness`.",
         )
     if len(driven) > MOST_MODES:

@@ -146,7 +146,7 @@ def within_response(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Amendment | None:
-    """Return the amendment that rates correlated parameters as usable if their effect is known.
+    """Return the change of findings that rates parameters usable if their effect is determined.
 
     The effect is determined if the 99 % intervals of frequency and damping at the largest fitted
     displacement are narrow. Parameters that are open there change no response up to that

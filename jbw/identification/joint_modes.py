@@ -194,7 +194,7 @@ def _in_full_stick(
     amplitude: Float[np.ndarray, "mode level"],
     about: Mapping[str, float] | None,
 ) -> ModeNumbers:
-    """Return frequency, damping and joint contributions of modes, for shapes of stuck joints."""
+    """Return modes' frequency, damping and joint effects, for the shapes with stuck joints."""
     numbers = dict(data.modes.numbers if data.modes is not None else ())
     driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
     of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}

@@ -414,7 +414,7 @@ def _projected(lines: FRFLines, starts: Real) -> Real:
         xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=MOST_TRIALS,
     )  # fmt: skip
     poles = poles_of(best.x)
-    coefficients = np.array(linear(poles)[0])  # (output, modes and terms)
+    coefficients = np.array(linear(poles)[0])  # shape: (output, modes and terms)
     modes = np.column_stack([poles, coefficients[:, : len(poles)].T])
     theta = np.concatenate([modes.ravel(), coefficients[:, len(poles) :].ravel()])
     _apart(lines, theta)

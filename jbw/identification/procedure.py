@@ -188,7 +188,7 @@ def _joint(key: Key[Array, ""], seen: Measured, run_knowledge: Known, report: Re
             raise ConfigError(
                 f"The run sampled the parameters {', '.join(run_knowledge.bounds)}, but the "
                 f"campaign has the parameters {', '.join(prior.names)}.",
-                why="The campaign is not that of the run, or was changed after the run.",
+                why="The campaign is not the campaign of the run, or was changed after the run.",
                 remedy="Give the run's campaign file by --campaign, or a campaign file in place of "
                 "the run.",
             )

@@ -72,7 +72,7 @@ class Shifts:
     runs: tuple[str, ...]
     # omega_n [rad/s] and zeta [-] of a run minus those of the fit
     offset: Float[np.ndarray, "run own"]
-    std: Float[np.ndarray, "run own"]  # standard errors of these differences
+    std: Float[np.ndarray, "run own"]  # standard errors of `offset`
     p: float  # probability that chance causes offsets of this size
 
 

@@ -140,15 +140,15 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
     for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
         if (names.omega if names else "omega_n") not in first_values:
             raise DataError(
-                f"[structure] modes: a test must drive the mode at {hz:g} Hz within 7 %, but none "
-                "that is fitted does.",
+                f"[structure] modes: a fitted test must drive the mode at {hz:g} Hz within 7 % of "
+                "this frequency, but no fitted test does.",
                 remedy=f"Sweep through {hz:g} Hz, or leave {hz:g} Hz out of `modes`.",
             )
         for point, seen in modes.seen.items() if modes.meet != "assembled" else ():
             if seen[0 if names is None else modes.names.index(names) + 1] not in first_values:
                 raise DataError(
-                    f"[structure] points: a test that is fitted must drive the mode at {hz:g} Hz "
-                    f"within 7 % and be measured at `{point}`, but no test does both.",
+                    f"[structure] points: a fitted test must drive the mode at {hz:g} Hz within "
+                    f"7 % of this frequency and be measured at `{point}`, but no test does both.",
                     remedy=f"Measure the mode at `{point}`, or leave `{point}` out of `points`.",
                 )
         ratio = first_values.get(names.ratio) if names else 1.0

@@ -129,7 +129,9 @@ def _built(family: str, arguments: Any) -> Any:
         return make(*arguments, validate_args=True)
     except (TypeError, ValueError, AssertionError) as error:
         reason = " ".join(str(error).split()).removesuffix(".")
-        raise ValueError(f"cannot be {family} of {arguments!r}: {reason}.") from None
+        raise ValueError(
+            f"must have valid arguments of {family}, but {arguments!r} is not valid: {reason}."
+        ) from None
 
 
 def _bounds(distribution: Any, family: str) -> tuple[float, float]:
@@ -149,7 +151,7 @@ def _bounds(distribution: Any, family: str) -> tuple[float, float]:
         raise ValueError(f"needs a distribution function, which `{family}` lacks.") from None
     if not (isfinite(ends[0]) and isfinite(ends[1]) and ends[0] < ends[1]):
         raise ValueError(
-            f"must have finite quantiles, but those of `{family}` are {ends[0]} and {ends[1]}."
+            f"must have finite quantiles, but `{family}` has quantiles {ends[0]} and {ends[1]}."
         )
     return ends
 

@@ -21,7 +21,7 @@ import jax
 import jax.export
 from jax.core import Tracer
 
-from jbw.cache import cached, keep
+from jbw.cache import Programs, cached, keep
 from jbw.report.messages import stages
 from jbw.sources import sources_of
 
@@ -30,25 +30,14 @@ DIGEST_BYTES = 32  # a kept program begins with the SHA-256 hash of the rest
 
 
 class _UnnamedError(Exception):
-    """A value has no text that an equal value would have in another process."""
-
-
-class _Kept:
-    """Whether this process reads and writes kept programs."""
-
-    on = False
-
-
-def keep_programs() -> None:
-    """Read and write kept programs from now on in this process."""
-    _Kept.on = True
+    """The error for a value without a text that identifies the value in any process."""
 
 
 class KeptProgram[**P, R]:
     """A function that is compiled as by `equinox.filter_jit`, or found among the kept programs.
 
-    Programs are kept in processes that called `keep_programs`. A function with an argument that
-    another process cannot identify, such as a closure, is traced in each process.
+    Programs are kept in processes that set `jbw.cache.Programs.are_kept`. A function with an
+    argument that another process cannot identify, such as a closure, is traced in each process.
     """
 
     def __init__(self, function: Callable[P, R]) -> None:
@@ -58,8 +47,8 @@ class KeptProgram[**P, R]:
         update_wrapper(self, function)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        """Call the function by its program."""
-        if not _Kept.on:
+        """Call the function through its compiled program."""
+        if not Programs.are_kept:
             return self._compiled(*args, **kwargs)
         leaves, tree = jax.tree.flatten((args, kwargs))
         arrays = [leaf for leaf in leaves if eqx.is_array(leaf)]

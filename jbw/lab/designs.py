@@ -148,7 +148,10 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
     report(stages.design(4))
     sweeps = sweep_tests(campaign.tests, campaign.settings)
     if sweeps is None:
-        raise DataError("Step 4 needs sweeps, which the campaign lacks.")
+        raise DataError(
+            "Step 4 needs sweeps, which the campaign lacks.",
+            remedy="Add sweeps to the campaign, or calibrate without a campaign.",
+        )
     linear = _linear(campaign)
     means = _kernel_fit(campaign, linear).fit.theta
     records = Records.of(sweeps.fitted, substeps=campaign.settings.substeps)
@@ -202,5 +205,8 @@ def _timed(records: Records) -> Records:
     }
     named = [name for name, is_wrong in wrong.items() if is_wrong]
     if named:
-        raise DataError(f"Sweeps with {named[0]} cannot be simulated for a calibration.")
+        raise DataError(
+            f"Sweeps with {named[0]} cannot be simulated for a calibration.",
+            remedy="Leave these sweeps out of the campaign, or calibrate without a campaign.",
+        )
     return records

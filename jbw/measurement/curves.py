@@ -25,6 +25,9 @@ class MeasuredCurve(NamedTuple):
     is_ratio: bool = False
 
 
+FORCES = ("restoring_force", "force")  # roles of a loop's force
+
+
 class ForcedLoop(NamedTuple):
     """A force loop: displacement is prescribed to a joint and the joint's force is measured."""
 
@@ -101,9 +104,8 @@ def forced_loop(record: Record, delay: float = 0.0) -> ForcedLoop:
     A force that lags by a `delay` [s] is taken that much later, by linear interpolation; samples
     without a force are then omitted.
     """
-    forces = ("restoring_force", "force")
-    _must_have(record, (("displacement",), forces), "a forced loop")
-    role = next(role for role in forces if role in record.channels)
+    _must_have(record, (("displacement",), FORCES), "a forced loop")
+    role = next(role for role in FORCES if role in record.channels)
     y, force = record.channels["displacement"], record.channels[role]
     is_part = start_of(record) > 0
     if delay == 0.0:

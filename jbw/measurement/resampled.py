@@ -32,10 +32,10 @@ from jbw.report.messages import reading as messages
 
 REACH = 32  # samples on either side
 BETA = 10.0  # shape of the Kaiser window
-CHUNK = 1 << 14  # samples interpolated at once
+CHUNK = 1 << 14  # number of samples that are interpolated at once
 MILLION = 1e6
 PASSED = 0.9  # Frequencies below this fraction of half the sampling rate are kept.
-SHARE = 0.75  # rate of a signal through uneven samples, divided by their mean rate
+SHARE = 0.75  # rate of the signal fitted to uneven samples, divided by their mean rate
 # number of values found at once, and number of values that two blocks share
 BLOCK, OVERLAP = 1 << 15, 128
 DAMPED = 1e-4  # weight that keeps values finite at places where no sample determines them
@@ -125,7 +125,7 @@ def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tu
     if not error < LARGEST_ERROR:
         raise DataError(
             f"Resampling fails: a signal below {PASSED * rate / 2:.4g} Hz, fitted without some of "
-            f"the samples, differs from these samples by {100 * error:.3g} % of their rms.",
+            f"the samples, differs from the omitted samples by {100 * error:.3g} % of their rms.",
             why=f"The samples are up to {1e3 * pause:.3g} ms apart, so faster parts of the signal "
             "cannot be recovered.",
             remedy=_without_pauses(time, begins),

@@ -112,8 +112,7 @@ def fit_attachment(
     if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > DEGENERATE:
         raise DataError(
             f"The band {low:g} to {high:g} Hz must contain a second mode, but the voltage is a sum "
-            "of "
-            "the drive point's motion and its derivatives, as for a single mode.",
+            "of the drive point's motion, velocity and acceleration, which shows a single mode.",
             why="With a single mode, gain and attachment cannot be separated.",
             remedy="Widen the band, or give a record that drives several modes.",
         )

@@ -16,7 +16,7 @@ from jbw.report.messages import remedies
 
 DIGITS = 6  # digits of the ends of a proposed span, relative to its length
 LEAST = 0.05  # share of a record below which a part is not worth keeping
-MOST = 0.3  # share of the response's energy below which a part is not worth keeping
+MOST = 0.1  # share of the response's energy below which a part is not worth keeping
 SPAN = "span"  # key of a record's provenance
 
 
@@ -67,7 +67,7 @@ def unbroken_line(
     """
     usual = float(np.median(np.diff(time)))
     starts, stops = np.append(0, breaks + 1), np.append(breaks + 1, len(time))
-    # If times jumped back, a part begins after the latest earlier time.
+    # If times jump back, the next part begins after the latest time before the jump.
     latest = np.append(-np.inf, np.maximum.accumulate(time))[starts] + usual / 2
     starts = starts + [
         int(np.searchsorted(time[first:stop], before))
@@ -84,7 +84,7 @@ def unbroken_line(
 def clean_part(
     spoilt: Bool[np.ndarray, " time"], power: Float[np.ndarray, " time"]
 ) -> tuple[slice, float]:
-    """Return the segment without bad samples that tells most of a mode, and its share of all power.
+    """Return the segment without bad samples that constrains a mode best, and its share of power.
 
     The variance of a frequency or decay rate falls with a segment's energy and squared duration.
     """

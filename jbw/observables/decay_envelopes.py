@@ -200,10 +200,10 @@ def _course(
     )
     if wait > MOST_WAIT * duration:
         raise DataError(
-            f"The records of test `{name}` must follow one decay, but its strongest record "
-            f"falls by a factor of {np.exp(fall):.3g} in {duration:.3g} s and would reach the "
-            "initial amplitude of the weakest, which is "
-            f"{np.exp(size[strongest, 0] - weakest):.3g} times smaller, after {wait:.3g} s.",
+            f"The records of test `{name}` must follow one decay, but the weakest record begins "
+            f"{np.exp(size[strongest, 0] - weakest):.3g} times smaller than the strongest. The "
+            f"strongest record falls by a factor of {np.exp(fall):.3g} in {duration:.3g} s, and "
+            f"would need {wait:.3g} s to reach the initial amplitude of the weakest record.",
             why=f"A decay of more than {MOST_WAIT:g} times the length of a record takes too "
             "long to simulate.",
             remedy="Make a separate test of the weak records, or leave these records out with "

@@ -61,7 +61,7 @@ class Modes(NamedTuple):
 
     @property
     def seen(self) -> dict[str, tuple[str, ...]]:
-        """The names of each additional point's modal responses, relative to the first point."""
+        """The parameter names of each additional point's modal responses over the first point's."""
         rows = (names[: len(self.hz)] for names in SEEN)
         return dict(zip(self.points, rows, strict=False))
 
@@ -170,7 +170,7 @@ def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> 
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
         bounds[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
-        # Without a gain ratio, no test drives the modes, or the reduced model gives their gains.
+        # A gain ratio is missing if no test drives the mode, or the reduced model gives its gain.
         if names.ratio not in known:
             continue
         ratio = known[names.ratio]

@@ -432,7 +432,7 @@ class Records(Observable):
         return (size > 0) & (peak > ABSURD * size)
 
     def _summed(self, theta: Mapping[str, Any]) -> bool:
-        """Return whether the time loop can sum the residual: samples of one mode, from rest."""
+        """Return whether the time loop can sum the residual (time samples, one mode, from rest)."""
         plain = not (self.held.periodic or self.groups.is_complex or any(self.points))
         return (
             plain

@@ -153,7 +153,7 @@ class Law(eqx.Module):
         return Loop(*generic.loop_by_moves(self, y_peak, omega))
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return, for each parameter, a power of length to add to the power in its unit.
+        """Return an exponent of length for each parameter, to add to the exponent in its unit.
 
         Such powers belong to values stated at a fixed displacement: a stiffness loss at 1 mm that
         grows with the power q of the displacement scales with the power -q of the unit of length.
@@ -192,7 +192,7 @@ class Law(eqx.Module):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Return the internal state after a step that may reverse, and changes of v, y by kinks.
+        """Return the internal state after a step that may reverse, and how kinks change v and y.
 
         Args:
             h: Length of the step [s].

@@ -34,8 +34,8 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
 
 MAX_ITERATIONS = 400
-# The search stops if, in so many rounds, the change of state over a period has not fallen by a
-# tenth.
+# The search stops if the change of state over a period has not fallen by a tenth within this number
+# of rounds.
 _PATIENCE, _PROGRESS = 20, 0.9
 # Relative step of the finite difference for the derivative; smaller steps are unreliable.
 _DIFFERENCE = 1e-7

@@ -64,7 +64,7 @@ def on_one_device() -> bool:
 
 
 def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
-    """Return a condition that is true if any oscillator of the batch meets it.
+    """Return the condition that `rare` is true for any oscillator of a batch.
 
     vmap adds an axis.
     """

@@ -197,7 +197,7 @@ def _through_kinks(
     return end._replace(kick_y=end.kick_y - shift_y, kick_v=end.kick_v - shift_v)
 
 
-# -- for the laws alone, moved by one mode or by several --------------------------------------
+# -- the laws without the structure, moved by one mode or by several modes --------------------
 def remainders(
     laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...]
 ) -> tuple[Scalar, Scalar]:

@@ -154,7 +154,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     draws: Any = np.stack([np.ravel(posterior[name].values) for name in names], axis=-1)
     if not np.all(draws > 0):
         raise DataError(
-            f"Draws of {study.result.campaign} are not positive: they have no logarithm.",
+            f"Some draws of {study.result.campaign} are not positive, so they have no logarithm.",
             remedy="Leave the unit out, or check the two-stage population with other units.",
         )
     upper = np.array([bounds[name][1] for name in names])

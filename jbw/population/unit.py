@@ -222,7 +222,7 @@ def _require_own_records(units: Sequence[Unit]) -> None:
         records = frozenset(unit.summary.inputs.values())
         if records and records in seen:
             raise DataError(
-                f"The runs {seen[records]} and {unit.name} are of the same records.",
+                f"The runs {seen[records]} and {unit.name} were identified from the same records.",
                 why="One unit would count as two, and the variation would be underestimated.",
                 remedy=f"Give only one of the runs {seen[records]} and {unit.name}.",
             )

@@ -71,7 +71,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _in_lines(text: str, most: int = 22) -> str:
-    """Wrap a combination after its signs, or a list after its names, to a line's width.
+    """Wrap text into lines: a combination after · or /, a list after its commas.
 
     A long list is shortened to its first names and the number of the others.
     """

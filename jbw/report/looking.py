@@ -40,7 +40,7 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     look = node(tree, "look")
     if look is None or not look.children:
-        raise DataError("The result has no readings of single records.")
+        raise DataError("The result has no frequency and damping of single records.")
     tests = [group.to_dataset() for group in look.children.values()]
     is_driven = any("response" in test for test in tests)
     widths = [1.2, 1, 1] if is_driven or ax is not None else [1, 1]

@@ -24,7 +24,7 @@ class Cell(NamedTuple):
 class Column:
     """One column of a table: heading, content for a row, and meaning."""
 
-    heading: str  # with the unit, if any
+    heading: str  # heading text, with the unit if the numbers have one
     show: Callable[[Any], str | Cell]  # function that returns the text or cell of a row
     meaning: str = ""  # meaning of the numbers, for the note below the table on the page
     # alignment: "right", "left" or "unit" (unit of a number); for long text "wrap" or "left wrap"

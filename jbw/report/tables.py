@@ -252,7 +252,7 @@ def level_of(row: StoredTest) -> str:
 
 
 def _fitted(row: StoredTest) -> str:
-    """Return the note on a test: how many repeats were fitted, or how far it exceeds the fit.
+    """Return the note on a test: the fitted repeats, or its motion relative to fitted motion.
 
     For a kind of test it names the parameters that only tests of this kind identify.
     """

@@ -47,7 +47,7 @@ class DecayConstants(Stored):
 
 
 class DrawnPosterior(Attributes):
-    """The attributes of a run's posterior: its sampler, and what predictions need besides draws.
+    """The attributes of a run's posterior: the sampler, and the settings for predictions.
 
     Attributes:
         sampler: Name of the sampler; empty if an earlier version wrote the run.

@@ -286,7 +286,7 @@ class StoredJoints(Stored):
 
 # -- identifiability -------------------------------------------------------------------------------
 class StoredDirection(Stored):
-    """A combination of parameters, and how much better than the prior the data determine it."""
+    """A combination of parameters, and the factor by which the data narrow its prior."""
 
     combination: str = ""
     information: Number = None

@@ -116,7 +116,7 @@ FORCES: dict[str, Callable[..., Sequence[Force]]] = {
 
 
 def kind_of(law: Law | type[Law]) -> str:
-    """Return the key of a law in `FORCES`: its name, for a family's member without the number."""
+    """Return the key of a law in `FORCES`: its name, or its name without the number at the end."""
     return law.name if law.name in FORCES else law.name.rstrip("_0123456789")
 
 

@@ -133,7 +133,7 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
     ]
     if other:
         raise RunError(
-            f"The run was begun with {'; '.join(other)}.",
+            f"The run was begun with other package versions: {'; '.join(other)}.",
             why="The draws of a resumed run would differ from those of an uninterrupted run.",
             remedy="Install the versions with which the run was begun, or begin a new run in "
             "another folder.",

@@ -19,6 +19,7 @@ from typing import Any
 
 import platformdirs
 
+from jbw.cache import Programs
 from jbw.report.messages import stages
 
 COMPILED = "/jax/core/compile/backend_compile_duration"
@@ -35,7 +36,7 @@ def prepare_process() -> None:
     """Configure JAX for a run: two host devices, float64, and a cache of compiled code.
 
     It must run before JAX starts. Compiled code (`keep_compiled`) and the programs that it comes
-    from (`keep_programs`) are kept in the user's cache folder; JAX_ENABLE_COMPILATION_CACHE=0 turns
+    from (`KeptProgram`) are kept in the user's cache folder; JAX_ENABLE_COMPILATION_CACHE=0 turns
     that off. Linear algebra has one thread unless the environment states a number: OpenBLAS's
     threads spin while they wait, which does not speed up a fit, and next to another busy process
     costs it seconds for 8 ms of work.
@@ -49,9 +50,7 @@ def prepare_process() -> None:
     gc.set_threshold(100_000, 20, 20)
     jax.config.update("jax_enable_x64", True)
     if keep_compiled() is not None and jax.config.jax_enable_compilation_cache:
-        from jbw.inference.kept_programs import keep_programs
-
-        keep_programs()
+        Programs.are_kept = True
     give_back_after_compiling()
     logging.getLogger("jax").setLevel(logging.ERROR)
     limit_threads()

@@ -26,8 +26,8 @@ NUM_AMPLITUDES = 48
 # amplitude multiplied by this factor.
 REACH = 3.0
 BEYOND = 1.25  # multiple of the largest amplitude at which a sentence states the bands
-# factor on the variances of the measurement, above which frequency and damping vary clearly more
-# than by error
+# ratio of the variances of frequency and damping to the variances of their measurement errors;
+# above this ratio a sentence states that frequency and damping vary
 SCATTERED = 2.0
 
 

@@ -41,14 +41,10 @@ ONE_HARMONIC = 1e-3
 MANY = 8  # number of odd harmonics that are computed above the ratio `ONE_HARMONIC`
 # smallest distance between two modes that are predicted one by one, in half-power widths
 APART = 10.0
-# odd multiples of a mode's frequency near which another mode takes up energy, and how near
+# odd multiples of a frequency at which another mode takes up energy, and tolerance for these
 ORDERS, NEAR = (3, 5), 0.05
 TAU = 2.0 * np.pi
 Complexes = NDArray[np.complex128]
-WITH_ALL_MODES = (
-    "Follow the curve of one draw with all modes by `jbw.response_curve`: `jax.tree.map(lambda x: "
-    "x[0], study.joints())` is its structure."
-)
 
 
 @dataclass(frozen=True)
@@ -92,10 +88,11 @@ def load_on(basis: Basis, load: Load) -> Load:
     """
     stated = load.participation
     identified = any(test.drive == BASE for test in basis.seen.values())
-    if load.is_base and has_several(basis) and not (identified and np.isnan(stated)):
+    is_one_for_all = not (identified and np.isnan(stated))
+    if load.is_base and is_one_for_all and has_several(basis.posterior, basis.laws):
         raise ConfigError(
-            "A moving base needs the participation of every mode, but the run has several modes "
-            "and was identified from other drives, or `participation` states a single one.",
+            "A moving base needs the participation of every mode. The run has several modes, but "
+            "was not identified on a moving base, or `participation` states only one number.",
             remedy="Identify a test on a moving base, and leave out `participation`.",
         )
     if np.isnan(stated):
@@ -174,17 +171,17 @@ def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator | Struct
             "A comparison of several laws has no single joint.",
             remedy="Load the run of a single law.",
         )
-    return joint_of(basis.draws(draws, gain=1.0), basis.laws)
+    return model_of(basis.draws(draws, gain=1.0), basis.laws)
 
 
-def joint_of(theta: Draws, laws: tuple[str, ...]) -> Oscillator | Structure:
+def model_of(theta: Draws, laws: tuple[str, ...]) -> Oscillator | Structure:
     """Return draws of parameters as an oscillator, or as a structure of several modes.
 
     Raises:
         DataError: The run determines no gain of a further mode.
     """
     arrays = {name: jnp.asarray(x) for name, x in theta.items()}
-    if not (has_further_modes(theta) or are_at_joints(laws)):
+    if not has_several(theta, laws):
         return oscillator_of(arrays, laws)
     missing = [] if is_assembled(theta) else [
         mode.ratio for mode in NAMES if mode.omega in theta and mode.ratio not in theta
@@ -197,9 +194,9 @@ def joint_of(theta: Draws, laws: tuple[str, ...]) -> Oscillator | Structure:
     return jax.vmap(lambda one: modal_structure_of(one, laws))(arrays)
 
 
-def has_several(basis: Basis) -> bool:
-    """Return whether a run has several modes or joints."""
-    return has_further_modes(basis.posterior) or are_at_joints(basis.laws)
+def has_several(theta: Iterable[str], laws: tuple[str, ...]) -> bool:
+    """Return whether parameters and laws describe several modes or joints."""
+    return has_further_modes(theta) or are_at_joints(laws)
 
 
 def measured_of(basis: Basis, load: Load) -> SeenResponse:
@@ -231,7 +228,7 @@ def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> lis
         gain = load.participation if load.is_base else None
         drive = "" if load.is_base else load.drive
         theta = member.draws(count, gain, load.seed, drive, missed=missed)
-        joint, share = joint_of(theta, member.laws), theta["gain"][:, None]
+        joint, share = model_of(theta, member.laws), theta["gain"][:, None]
         motion = equivalent_motion(joint, load.harmonics or 1, load.mode - 1)
         if isinstance(joint, Structure):
             share = share * np.asarray(joint.b)[:, load.mode - 1, None]
@@ -259,7 +256,7 @@ class Zone(NamedTuple):
 def zones_of(basis: Basis, load: Load) -> list[Zone]:
     """Return the zones of all modes on which the source acts; they meet at geometric means."""
     (_, first), *_ = basis.shared(max(FEW, 2))
-    joint = joint_of(first.draws(FEW, gain=1.0, seed=load.seed), first.laws)
+    joint = model_of(first.draws(FEW, gain=1.0, seed=load.seed), first.laws)
     if not isinstance(joint, Structure):
         return [Zone(1, float(np.median(joint.omega_n)), 0.0, np.inf)]
     driven = np.flatnonzero(np.any(np.asarray(joint.b) != 0.0, axis=0))
@@ -410,7 +407,7 @@ def _require_widths(motion: EquivalentMotion, omega: Values, widths: Values, wha
             f"mode {motion.mode + 1} at {own / TAU:.4g} Hz is {abs(nearest - own) / width:.2g} "
             "widths from it.",
             why="Modes are predicted one by one, as if each moved alone.",
-            remedy=WITH_ALL_MODES,
+            remedy=messages.WITH_ALL_MODES,
         )
 
 

@@ -206,8 +206,7 @@ def _require_alone(modes: Modes, what: str) -> None:
                 f"{100 * float(np.median(change)):.2g} %.",
                 why="Random vibration is predicted mode by mode, as if each moved alone.",
                 remedy="Restrict the profile to the frequencies of one mode, or simulate the "
-                "structure of one draw, `jax.tree.map(lambda x: x[0], study.joints())`, by "
-                "`jbw.simulate` with samples of the force.",
+                f"structure of {messages.ONE_DRAW}, by `jbw.simulate` with samples of the force.",
             )
 
 
@@ -231,12 +230,11 @@ def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
             f"The shock must be in {seen.source}, but is in {pulse.unit}.",
             remedy='Give a force, or `drive="base"` for an acceleration of the base.',
         )
-    if has_several(basis):
+    if has_several(basis.posterior, basis.laws):
         raise ModelError(
             "The run must have one mode with one joint for the prediction of a shock, but has "
             "several.",
-            remedy="Simulate the structure of one draw, `jax.tree.map(lambda x: x[0], "
-            "study.joints())`, by `jbw.simulate`.",
+            remedy=f"Simulate the structure of {messages.ONE_DRAW}, by `jbw.simulate`.",
         )
     single = replace(load, harmonics=1)  # A shock is integrated in time and needs no harmonics.
 

@@ -417,7 +417,10 @@ def _secant(test: Test, loop: ForcedLoop) -> tuple[float, float]:
     ends = [int(np.nanargmin(loop.displacement)), int(np.nanargmax(loop.displacement))]
     (bottom, top), force = loop.displacement[ends], loop.force[ends]
     if top == bottom:
-        raise DataError(f"The displacement of test {test.name} is constant.")
+        raise DataError(
+            f"The displacement of test {test.name} is constant.",
+            remedy=f"Check the sensor of the displacement, or leave test {test.name} out.",
+        )
     return 0.5 * (top - bottom), (force[1] - force[0]) / (top - bottom)
 
 
@@ -513,7 +516,7 @@ def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
 
 
 class Nonlinear(NamedTuple):
-    """Whether frequency or damping depend on amplitude, with sentences and possible laws."""
+    """The answer whether frequency or damping depends on amplitude, with the possible laws."""
 
     is_seen: bool
     sentences: list[str]

@@ -130,7 +130,7 @@ def identify_many(
     if executor is not None and workers is not None:
         raise ConfigError(
             "Arguments `executor` and `workers` must not be given together.",
-            why="An executor knows how many workers it has.",
+            why="An executor has a fixed number of workers.",
             remedy="State the number of workers where you create the executor.",
         )
     command = command or " ".join(["jbw", *sys.argv[1:]])

@@ -397,7 +397,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
                 return path
     raise ConfigError(
         f"The run in {folder} does not state the path of its campaign file.",
-        why="The records of the campaign are needed again.",
+        why="This command reads the records of the campaign again.",
         remedy="Give the campaign file with --campaign.",
     )
 

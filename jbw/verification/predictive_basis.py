@@ -69,8 +69,8 @@ class Basis:
     scatter: tuple[float, ...]
     substeps: int  # solver steps between samples
     decay: xr.Dataset  # posterior of the free decays alone, or else the main posterior
-    # Of fitted free decays: the fraction `worth` of their values that are independent, and the
-    # standard deviation `shift_std` of natural frequencies between records [rad/s].
+    # Constants of the fitted decays: `worth` is the share of their values that are independent,
+    # `shift_std` is the standard deviation of natural frequencies between records [rad/s].
     decay_facts: DecayConstants
     laws: Laws
     # Draws of omega_n and zeta in each fitted run, one for each evenly spaced posterior draw; None

@@ -182,7 +182,7 @@ def updated(
     require_float64()
     if study.campaign is None or not records:
         raise ConfigError(
-            "A new record and the run's campaign are needed.",
+            "An update needs at least one new record and the run's campaign.",
             remedy="Give records of a test in the campaign, and pass the campaign to "
             "jbw.load_study.",
         )
@@ -218,7 +218,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     data = assemble(seen)
     if campaign.structure is not None and len(campaign.structure.modes) > 1:
         raise DataError(
-            "The run has several modes; their decays cannot be added record by record.",
+            "Decays of a run with several modes cannot be added record by record.",
             remedy="Identify the joint again with the new records in its campaign.",
         )
     if seen.decays is None or [part.kinds for part in data.parts] != [Decays.kinds]:

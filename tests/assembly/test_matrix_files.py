@@ -262,7 +262,7 @@ def test_without_pynastran_the_remedy_is_said(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pyNastran.op4.op4", None)
     (tmp_path / "model.op4").write_bytes(b"")
     with pytest.raises(
-        DataError, match=r"pyNastran, which reads model\.op4, is not installed"
+        DataError, match=r"pyNastran is needed to read model\.op4, but is not installed"
     ) as caught:
         read_matrices(tmp_path / "model.op4", units="SI")
     assert "DMIG" in caught.value.remedy

@@ -382,7 +382,11 @@ def test_files_of_one_matrix_each(folder):
         ('"beams.mat"', '{ mass = "M.mtx" }', "[structure] matrices: must be a file, or files"),
         ('"beams.mat"', '{ mass = "M", stiffness = "K", mas = "x" }', "did you mean `mass`"),
         ("stiffness = 1.5e7\n\n", "", "[[joint]] `bolt 1` stiffness: missing"),
-        ('name = "bolt 2"', 'name = "bolt 1"', "name: must be unique, but 2 joints have it"),
+        (
+            'name = "bolt 2"',
+            'name = "bolt 1"',
+            "name: must be unique, but 2 joints have the same name",
+        ),
         ('name = "bolt 2"', 'name = "bolt 2"\nsame_as = "bolt 7"', "must be the name of a joint"),
         ('name = "bolt 2"', 'name = "bolt 2"\nsame_as = "bolt 2"', "in a circle"),
         ('name = "bolt 2"', 'name = "bolt 2"\nlaws = ["jenkin"]', "`bolt 2` laws"),

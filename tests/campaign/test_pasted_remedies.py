@@ -813,6 +813,17 @@ def test_a_pasted_remedy_of_a_loop_cures(tmp_path, made, key, said):
     assert faults(path) == []
 
 
+def test_a_load_cell_of_a_third_of_the_rate_is_accounted_for_by_its_lag(tmp_path):
+    path = written_loop(tmp_path, slipping(STROKE))
+    stored = np.load(tmp_path / "loop.npz")
+    held = np.repeat(stored["f"][::3], 3)[: len(STROKE)]
+    np.savez(tmp_path / "loop.npz", y=stored["y"], f=held)
+    (fault,) = faults(path)
+    assert "is repeated for 3 samples" in fault.what
+    pasted(path, [fault.remedy.replace(", or put under", ". Put under")])
+    assert faults(path) == []
+
+
 @pytest.mark.parametrize("made", [slipping, hardening])
 def test_a_loop_of_one_law_is_not_doubted(tmp_path, made):
     assert faults(written_loop(tmp_path, made(STROKE))) == []
@@ -966,6 +977,49 @@ def test_values_that_are_held_are_accounted_for_by_the_delay(tmp_path, each):
     line = re.findall(r"`(delay = .*?)`", fault.remedy)[0]
     path.write_text(with_line(path.read_text(), line))
     assert faults(path) == []
+
+
+@pytest.mark.parametrize("at", [0.08, 0.5])
+def test_of_a_broken_decay_the_part_that_tells_most_is_kept(tmp_path, at):
+    """Frequency and rate are known to 1 / (duration, root of energy), so the head is not enough."""
+    from_sample, to_sample = round(8 * at * FS), round(8 * at * FS) + 20
+
+    def broken(x, i):
+        x[from_sample:to_sample] = np.nan
+        return x
+
+    path = written(tmp_path, broken)
+    (fault,) = faults(path)
+    first, last = map(float, re.findall(r"span = \[(.*?), (.*?)\]", fault.remedy)[0])
+    kept = (to_sample / FS, 8.0) if at < 0.1 else (0.0, from_sample / FS)
+    assert (first, last) == pytest.approx(kept, abs=1 / FS)
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+
+
+def test_a_part_too_short_to_be_read_is_not_proposed(tmp_path):
+    """Four periods between gaps: every part of the decay is shorter than its filter."""
+
+    def broken(x, i):
+        x[80::80] = np.nan
+        return x
+
+    path = written(tmp_path, broken, band="band = [27.0, 33.0]")
+    (fault,) = faults(path)
+    assert "span" not in fault.remedy
+
+
+def test_drop_outs_are_told_alone(tmp_path):
+    """Zeros of a laser look like gaps, lines and further modes, all without a cure of their own."""
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    stored = dict(np.load(tmp_path / "sweep.npz"))
+    rng = np.random.default_rng(4)
+    for start in rng.integers(2000, len(stored["x"]) - 100, 30):
+        stored["x"][start : start + 3] *= 1e-3
+    np.savez(tmp_path / "sweep.npz", **stored)
+    (fault,) = faults(path)
+    assert "drop-outs" in fault.what
 
 
 def test_a_sweep_that_would_begin_in_motion_is_left_out(tmp_path):

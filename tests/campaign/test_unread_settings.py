@@ -99,5 +99,5 @@ def test_many_unknown_priors_are_one_line():
     many = "".join(f"k{i} = [1.0, 2.0]\n" for i in range(500))
     with pytest.raises(ConfigError) as caught:
         parse(campaign("[identify.prior]\n" + many, "sweep"))
-    assert "500 unknown parameters: k0, k1, k2, ..." in str(caught.value)
+    assert "500 unknown parameters: k0, k1, k2, ...; state only" in str(caught.value)
     assert len(str(caught.value)) < 300

@@ -163,5 +163,5 @@ def test_a_parameter_at_a_joint_is_explained():
     assert explained("alpha@bolt_1") == explained("alpha")
     said = explained("motion_factor_2@bolt_1")
     assert said is not None
-    assert said.startswith("Motion of bolt_1 in mode 2 relative to that of the matrices")
+    assert said.startswith("Motion of bolt_1 in mode 2 relative to the structural model")
     assert explained("alpah@bolt_1") is None

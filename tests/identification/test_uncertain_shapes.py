@@ -226,4 +226,4 @@ def test_bolts_that_move_by_other_factors_are_found_by_uncertain_shapes_alone():
     std = np.sqrt(np.diag(fit.covariance))[list(fit.theta).index("motion_factor_2@bolt_2")]
     assert std < 0.02
     draws = found.joint.tree["posterior"]["motion_factor_2@bolt_2"]
-    assert draws.attrs["long_name"] == "motion of bolt_2 in mode 2 relative to that of the matrices"
+    assert draws.attrs["long_name"] == "motion of bolt_2 in mode 2 relative to the structural model"

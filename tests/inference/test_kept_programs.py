@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import jbw
-from jbw.inference import kept_programs
+from jbw.cache import Programs
 from jbw.inference.kept_programs import KeptProgram
 from jbw.paper.kernels import h1
 
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="XDG_CACHE_HOME 
 def folder(tmp_path, monkeypatch):
     """The folder of kept programs, for a process that keeps them."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(kept_programs._Kept, "on", True)
+    monkeypatch.setattr(Programs, "are_kept", True)
     return tmp_path / "jbw" / "programs"
 
 
@@ -107,9 +107,9 @@ def probe(x):
 """
 RUN = """
 import jax.numpy as jnp
-from jbw.inference.kept_programs import keep_programs
+from jbw.cache import Programs
 from jbw.inference.probe import probe
-keep_programs()
+Programs.are_kept = True
 print(float(probe(jnp.ones(()))))
 """
 

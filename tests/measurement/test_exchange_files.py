@@ -212,7 +212,7 @@ def test_sep005_in_other_units_by_time_and_quantity():
         ({"fs": None}, "sampling frequency is missing", DataError),
         ({"data": LASER.reshape(2, -1)}, "one axis of numbers", DataError),
         ({"data": np.where(T == 1.0, np.nan, LASER)}, "Samples must be finite", DataError),
-        ({"time": T[:-1]}, "`time` has 2999 values", DataError),
+        ({"time": T[:-1]}, "have 2999 and 3000", DataError),
     ],
 )
 def test_bad_sep005_is_refused(change, says, error):

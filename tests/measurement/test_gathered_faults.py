@@ -57,5 +57,5 @@ def test_a_check_says_it_once_a_test(tmp_path, capsys):
     assert run(["init", str(tmp_path)]) == 0
     assert run(["check", str(tmp_path / "campaign.toml")]) == 0
     said = capsys.readouterr().out
-    assert said.count("of its usual size") == 1
+    assert said.count("of the usual motion") == 1
     assert "8 of 8 records: The motion at the start of the record is" in said

@@ -64,8 +64,8 @@ def test_the_fourth_level_is_the_fourth(nested):
 @pytest.mark.parametrize(
     ("path", "says"),
     [
-        ("FR.Level(5).acc(1,:)", "asks for item [4], counted from zero, but there are 4 items"),
-        ("FR.Level[4].acc[0]", "asks for item [4], counted from zero, but there are 4 items"),
+        ("FR.Level(5).acc(1,:)", "selects item [4], counted from zero, but there are 4 items"),
+        ("FR.Level[4].acc[0]", "selects item [4], counted from zero, but there are 4 items"),
         ("FR.Level(0).acc(1,:)", "has an index below 1"),
         ("FR.Level(4).acc(4,:)", "on an axis of 3"),
         ("FR.Level.acc", "has 4 items before"),

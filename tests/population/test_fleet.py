@@ -122,7 +122,11 @@ def test_what_has_no_logarithm_in_one_unit_is_named_and_left_out(tmp_path):
         ({"laws": ("bouc_wen", "cubic")}, "different laws", "same \\[joint\\] laws"),
         ({"units": {**UNITS, "zeta": "%"}}, "have zeta in different units: 1, and %", "same unit"),
         ({"versions": {**VERSIONS, "jax": "0.1"}}, "versions of jax: 0.12.0, and 0.1", "--mixed"),
-        ({"inputs": {"x": "hash of A"}}, "A and B are of the same records", "Give only one"),
+        (
+            {"inputs": {"x": "hash of A"}},
+            "A and B were identified from the same records",
+            "Give only one",
+        ),
         ({"assembly": {"torque": 3.0}}, "`torque` is stated for 1 of 2 runs.* A\\.", "leave out A"),
         ({"assembly": {"torque": -3.0}}, "Run B: `torque` must be positive", "in N m"),
         ({"assembly": {"torque": "x"}}, "Run B: `torque` must be a finite number.*'x'", "Correct"),

@@ -29,7 +29,7 @@ def test_loops_have_the_area_of_the_energy_that_is_lost():
     assert not loop_data["force"].sel(law="linear").values.any()
     force = loop_data["force"].sel(law="masing_power + cubic").values
     area = np.sum(0.5 * (force + np.roll(force, -1)) * (np.roll(y, -1) - y))
-    lost = float(law_named("masing_power").of(THETA).loop(Y).energy(Y))
+    lost = float(law_named("masing_power").build(THETA).loop(Y).energy(Y))
     # The trapezium rule on two hundred points.
     np.testing.assert_allclose(abs(area), lost, rtol=1e-3)
 

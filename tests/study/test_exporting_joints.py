@@ -352,7 +352,7 @@ def test_joints_of_uncertain_shapes_reach_as_far_as_each_draw_moves_them(tmp_pat
     assert first.in_si.y_max == pytest.approx(PEAK * abs(H[0, 0] / H[1, 0]), rel=1e-12)
     assert second.in_si.y_max == pytest.approx(1.25 * PEAK, rel=1e-12)
     assert (
-        "Motion of bolt_2 in mode 2 relative to that of the matrices is 1.25. "
+        "Motion of bolt_2 in mode 2 relative to the structural model is 1.25. "
         "A model with these matrices does not include this factor."
     ) in result.about
     (row,) = [row for row in result.parameters if row["parameter"] in factor]

@@ -211,5 +211,5 @@ def test_a_run_whose_likelihood_cannot_be_had_again_is_refused(run):
 
 def test_what_cannot_be_meant_is_refused():
     study = Study(xr.DataTree(), {}, None)
-    with pytest.raises(jbw.ConfigError, match="new record and the run"):
+    with pytest.raises(jbw.ConfigError, match="one new record and the run"):
         updated(study, HITS)

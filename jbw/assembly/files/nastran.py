@@ -42,9 +42,9 @@ def _op2(path: Path) -> dict[str, Any]:
 def _missing(path: Path, error: Exception) -> DataError:
     installed = not isinstance(error, ModuleNotFoundError)
     return DataError(
-        f"pyNastran, which reads {path.name}, does not load here: {error}."
+        f"pyNastran is needed to read {path.name}, but cannot be imported: {error}."
         if installed
-        else f"pyNastran, which reads {path.name}, is not installed.",
+        else f"pyNastran is needed to read {path.name}, but is not installed.",
         remedy="Export a punch file of DMIG, which needs no pyNastran."
         if installed
         else "Export a punch file of DMIG, which needs no pyNastran, or install pyNastran with "

@@ -160,8 +160,8 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
     gamma = float(np.min(2 * np.minimum(law.cdf(counts), law.sf(counts - 1))))
     if gamma * num_ranks < LEAST:
         return gamma * num_ranks
-    # Counts less extreme than gamma are inside; the factor keeps rounding from including gamma
-    # itself.
+    # Counts that are less extreme than gamma lie inside the band. The factor prevents rounding from
+    # counting gamma itself as inside.
     return 1 - _stays_inside(len(ranks), num_ranks, gamma * (1 + 1e-9))
 
 
@@ -173,8 +173,8 @@ def ecdf_envelope(
     def excess(log_gamma: float) -> float:
         return _stays_inside(num_replications, num_ranks, float(np.exp(log_gamma))) - level
 
-    # The smallest level to search is Bonferroni's, at which bounds are certainly too wide; at the
-    # largest, the level of a single point, they are too narrow.
+    # The search runs between two levels: at Bonferroni's level the bounds are too wide, and at the
+    # level of a single point the bounds are too narrow.
     least = np.log((1 - level) / num_ranks) - 1.0
     most = 0.0 if num_ranks == 1 else np.log(1 - level) + 0.1
     root: float = brentq(excess, least, most, xtol=1e-3)  # pyright: ignore

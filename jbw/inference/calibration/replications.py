@@ -225,7 +225,8 @@ def _check(model: Model, num_replications: int, batch: int) -> None:
     twice = {*model.quantities} & {*model.box.names, LOG_LIKELIHOOD}
     if twice:
         raise ConfigError(
-            f"Quantity {sorted(twice)[0]!r} has the name of a quantity that is always ranked."
+            f"Quantity {sorted(twice)[0]!r} has the name of a quantity that is always ranked.",
+            remedy="Give the quantity another name than a parameter or the log likelihood.",
         )
 
 

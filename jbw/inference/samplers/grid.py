@@ -28,7 +28,7 @@ MOST_ROUNDS = 120
 MOST_WHOLE = 8
 STEADY = 0.03  # Moments are final if they change by less than this, in standard deviations.
 HALVINGS = 50  # number of bisections of the logarithm of the power, starting from e^-60
-DEEP = 21.0  # A grid may end where the density is so many nats below the highest node.
+DEEP = 21.0  # A grid may end where its log density is this far below the maximum [nats].
 WIDEST = 60.0  # largest half width of a grid in standard deviations
 WIDER = 1.2
 

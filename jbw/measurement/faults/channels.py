@@ -32,7 +32,7 @@ FALL = 8.0
 # Multiple of the other samples' range; a logger's code for lost samples lies at least this far
 # away.
 FAR = 10.0
-FEWEST_LEVELS = 256  # distinct values: 8 bits
+FEWEST_LEVELS = 256  # smallest number of distinct values of a response: 8 bits
 # A source with fewer distinct values is a pulse train, not a clipped signal.
 FEW_SOURCE_LEVELS = 16
 PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m], [m/s], [m/s^2]

@@ -31,7 +31,7 @@ class DropOff(Hypothesis):
 
 
 def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
-    """Return a sweep's smallest drive relative to the median, and its noise; None if sound."""
+    """Return a sweep's smallest drive over the median, and noise over drive; None if sound."""
     smooth, rough = drive_course(signal)
     least = float(smooth.min())
     noise = rough / least

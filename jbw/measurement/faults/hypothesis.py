@@ -33,7 +33,7 @@ from jbw.report.messages.message import FaultText
 # condition 1: weighted rms of the residual; line relative to its local median, and to the largest
 # response; residual relative to the response
 LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06
-# condition 2: largest fraction of the residual sum of squares that remains with a cause
+# condition 2: largest fraction of the sum of squares that remains after the cause is fitted
 EXPLAINS = 0.6
 # If a cause reduces the residual sum of squares below this fraction, no other cause is tried.
 ENOUGH = 0.01
@@ -44,7 +44,7 @@ NEARLY = 20.0
 # 432 sound records, those with an rms above 1.3 have residuals of at most 2 % of the response, and
 # the others of at most 17 %.
 UNEXPLAINED, UNEXPLAINED_SHARE = 1.7, 0.08
-# powers of the amplitude in the mode that is fitted together with a fault
+# dependences on amplitude of the mode that is fitted together with a fault
 BASES_TRIED = ("linear", "power")
 # A line of a residual's spectrum is compared with the median of this number of lines around it.
 AROUND = 61
@@ -105,7 +105,7 @@ class Facts(NamedTuple):
 
 
 class LeftOver(NamedTuple):
-    """The residual that a fit of one mode leaves in a record.
+    """The residual of a fit of one mode to a record.
 
     Attributes:
         rms: Weighted root mean square; 1 for noise alone.
@@ -136,7 +136,7 @@ def best_of(fits: Fits) -> ModeFit:
 
 
 def remainder(fits: Fits) -> LeftOver:
-    """Return the residual that the best fit of one mode leaves in a record."""
+    """Return the residual of the best fit of one mode to a record."""
     best, signal = best_of(fits), fits.signal
     turned = best.residual
     if isinstance(fits, SweepFits):  # In the frame of the drive, a steady line rotates.

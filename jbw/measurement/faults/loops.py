@@ -13,11 +13,13 @@ $$a + b\,y + c\,y^3, \quad a + b\,y + c\,y^5, \quad
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from jbw.measurement.channels import Reals, noise_of
-from jbw.measurement.curves import ForcedLoop, forced_loop
+from jbw.measurement.curves import FORCES, ForcedLoop, forced_loop
+from jbw.measurement.faults.channels import held_for
 from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypotheses import HYPOTHESES
 from jbw.measurement.faults.loop_hypotheses import ZeroOfLoadCell, at_rest, loaded
@@ -113,7 +115,8 @@ def loop_causes(
         load_cell: Stated behaviour of the zero of the load cell.
         laws: Stated laws of the joint.
     """
-    whole = forced_loop(record, delay)
+    record, lag_s = _each_once(record)
+    whole = forced_loop(record, delay - lag_s if delay else 0.0)
     every = -(-len(whole.force) // MOST_SAMPLES)
     loop = whole._replace(
         fs=whole.fs / every, displacement=whole.displacement[::every], force=whole.force[::every]
@@ -130,6 +133,19 @@ def loop_causes(
     residual = residual.with_zero()
     others = (cause for one in HYPOTHESES for cause in one.in_loop(residual))
     yield from _named(force, force, residual.fit().square, others)
+
+
+def _each_once(record: Record) -> tuple[Record, float]:
+    """Return a record that contains each held value of the force once, and the lag by holding [s].
+
+    At the first of several equal samples, a held force is that of the moment.
+    """
+    force = next(record.channels[role] for role in FORCES if role in record.channels)
+    each, first = held_for(force)
+    if each == 1:
+        return record, 0.0
+    channels = {role: x[first::each] for role, x in record.channels.items()}
+    return replace(record, fs=record.fs / each, channels=channels), (each - 1) / 2 / record.fs
 
 
 def _named(

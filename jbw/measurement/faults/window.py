@@ -34,7 +34,7 @@ APART = 3  # distance of lines that are independent under a Blackman-Harris wind
 GROUPS, LEAST_OF_GROUP = 4, 5
 SCATTERED = 0.67  # largest ratio of the lower quartile of the noise's lines to their median
 ALIKE = 1e-3  # smallest p-value of the variation between groups and over time
-# Noise that decays faster than this multiple of the mode's power belongs to the mode.
+# Noise that decays faster than this fraction of the mode's rate of decay is part of the mode.
 OF_MODE = 0.95
 # Smallest rms of noise in converter steps. With less noise, the rounding error changes with the
 # motion; noise of half a step before rounding has 0.58 steps after it, whatever the motion.

@@ -373,7 +373,7 @@ def _sources(contents: Contents, request: Wanted) -> dict[str, list[Leaf]]:
         channels = {name: name for name in channel_names if name in ROLES}
         if not channels:
             raise ConfigError(
-                f"no channel is named like a role ({', '.join(ROLES)}).",
+                f"no channel has the name of a role ({', '.join(ROLES)}).",
                 remedy="State the channel of each role, for example "
                 "channels={'velocity': 'laser'}. "
                 f"Found: {', '.join(channel_names[:20])}.",

@@ -431,7 +431,7 @@ def _columns(
     except ValueError:
         return _cell_by_cell(body, dialect)
     if matrix.shape[1] != dialect.columns:
-        raise ValueError(f"the rows have {matrix.shape[1]} columns instead of {dialect.columns}")
+        raise ValueError(f"the table has {matrix.shape[1]} columns instead of {dialect.columns}")
     return list(matrix.T), frozenset()
 
 

@@ -42,7 +42,7 @@ def contents(path: Path) -> Iterator[Contents]:
     with h5py.File(path, "r") as file:
         if {"NASTRAN", "INDEX"} <= set(file):
             raise DataError(
-                f"File `{path.name}` holds input and results of a Nastran model, no record.",
+                f"File `{path.name}` contains a Nastran model and its results, but no record.",
                 remedy="Export measured time records or FRFs as UFF 58 or CSV.",
             )
         yield Contents(
@@ -122,7 +122,7 @@ def inside(dataset: h5py.Dataset) -> h5py.Dataset:
         is_complete = not any(end is not None and chunk > n for chunk, n, end in sizes)
     if not is_complete:
         raise DataError(
-            f"`{dataset.name}` declares the shape {dataset.shape}, but was stored with another.",
+            f"`{dataset.name}` declares the shape {dataset.shape}, but stores another shape.",
             why="The header may be damaged; if the file were read, samples would be lost.",
             remedy="Copy the file again, or export it again.",
         )
@@ -178,7 +178,7 @@ def _joined(value: Any) -> str:
 
 
 def facts_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return by name the attributes that are texts or numbers; several texts become lines."""
+    """Return the attributes that are texts or numbers, by name; join several texts as lines."""
     facts: dict[str, Any] = {}
     for name in list(attributes)[:MOST_FACTS]:
         value = attribute(attributes, name)

@@ -106,7 +106,7 @@ class Elements:
     def take(self, count: int) -> memoryview:
         """Return the next `count` bytes of a MATLAB file; raise a ValueError if fewer remain."""
         if count > len(self.data):
-            raise ValueError(f"{count} bytes are declared, but only {len(self.data)} are left")
+            raise ValueError(f"the file declares {count} bytes, but has only {len(self.data)} more")
         head, self.data = self.data[:count], self.data[count:]
         return head
 
@@ -120,7 +120,7 @@ class Elements:
         (code,) = self.integers("I")
         if size := code >> 16:
             if size > 4:
-                raise ValueError(f"a small element has {size} bytes")
+                raise ValueError(f"a small element must have 4 bytes at most, but declares {size}")
             return code & 0xFFFF, self.take(4)[:size]
         (size,) = self.integers("I")
         content = self.take(size)
@@ -133,7 +133,7 @@ class Elements:
         code, content = self.element()
         if code not in codes or len(content) > LONGEST_NAME:
             raise ValueError(
-                f"the {what} of a variable have data type {code} and {len(content)} bytes"
+                f"the {what} of a variable are damaged: data type {code}, {len(content)} bytes"
             )
         return content
 
@@ -162,12 +162,14 @@ class Elements:
         """Validate the next `count` matrices of a MATLAB file."""
         if 8 * count > len(self.data):
             raise ValueError(
-                f"{count} items are declared, but only {len(self.data)} bytes are left"
+                f"the file declares {count} items, but has only {len(self.data)} more bytes"
             )
         for _ in range(count):
             code, content = self.element()
             if code != MATRIX:
-                raise ValueError(f"an item of an array has the data type {code}")
+                raise ValueError(
+                    f"an item of a cell array or struct is not a matrix, but has type {code}"
+                )
             _matrix(content, self.order)
 
 
@@ -188,7 +190,7 @@ def _matrix(content: memoryview, order: str) -> None:
         return
     shape = walk.whole_numbers("dimensions", (5, 6))
     if not shape or min(shape) < 0 or len(shape) > 32:
-        raise ValueError(f"a variable has the shape {shape}")
+        raise ValueError(f"a variable has the shape {shape}, which is not possible")
     walk.short("names", NAMES)
     count = math.prod(shape)
     if of_class in NUMERIC:
@@ -206,7 +208,7 @@ def _matrix(content: memoryview, order: str) -> None:
     elif of_class == FUNCTION:
         walk.matrices(1)
     else:
-        raise ValueError(f"a variable has the class {of_class}")
+        raise ValueError(f"a variable has the unknown class {of_class}")
 
 
 def _fields(walk: Elements, count: int, of_class: int) -> None:

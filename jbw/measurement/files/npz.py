@@ -18,7 +18,7 @@ def contents(path: Path) -> Iterator[Contents]:
     if path.suffix.lower() == ".npy":
         array = np.load(path, mmap_mode="r", allow_pickle=False)
         if (declared := array.offset + array.nbytes) != path.stat().st_size:
-            raise ValueError(f"the shape {array.shape} takes {declared} bytes")
+            raise ValueError(f"the file must have {declared} bytes for the shape {array.shape}")
         yield Contents({"data": numeric(array)}, "npy")
         return
     require_unpackable(path, messages.AS_HDF5)

@@ -115,7 +115,7 @@ def _item(
     if isinstance(node, Mapping):
         if step in (0, None):  # A struct array of length one is treated as a struct.
             return _walk(node, others, rest)
-        raise DataError(f"asks for item [{step}], counted from zero, but there is one item.")
+        raise DataError(f"selects item [{step}], counted from zero, but there is only one item.")
     if step is not None:
         _require_within(step, len(node), f"but there are {len(node)} items")
         return _walk(node[step], others, rest)
@@ -127,7 +127,7 @@ def _item(
 
 def _require_within(step: int, length: int, but_words: str) -> None:
     if not -length <= step < length:
-        raise DataError(f"asks for item [{step}], counted from zero, {but_words}.")
+        raise DataError(f"selects item [{step}], counted from zero, {but_words}.")
 
 
 def _pick(node: Leaf, steps: Sequence[int | None]) -> Leaf:

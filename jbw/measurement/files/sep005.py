@@ -108,7 +108,8 @@ def _leaf(signal: Mapping[str, Any], i: int) -> Leaf:
         time = np.asarray(time)
         if time.shape != data.shape:
             raise DataError(
-                f"SEP-005 series {name!r}: `time` has {time.size} values, `data` {data.size}."
+                f"SEP-005 series {name!r}: `time` and `data` must have equally many values, but "
+                f"have {time.size} and {data.size}."
             )
         fs = sampling_frequency(time, f"{name}, time")[0] if fs is None else fs
     return leaf(data, fs=None if fs is None else float(fs), unit=str(signal["unit_str"]))

@@ -25,7 +25,7 @@ SYSTEMS = {
     7: {"length": "in", "force": "lbf"}, 8: {"length": "mm", "force": "kgf"},
     10: {"length": "mm", "force": "N"},
 }  # fmt: skip
-SAME_FACTOR = 1e-5  # largest relative error of a named unit's factor, which files round
+SAME_FACTOR = 1e-5  # largest relative error of a unit's factor, because files round it
 MOST_PADDED = 5  # largest number of values that pad the last line of a set
 FREQUENCY_RESPONSE = 4  # function type of the format
 SET = re.compile(rb"^ {4}-1[ \t]*\r?\n[ \t]*(\d+)b?(?=\s)", re.MULTILINE)  # the head of a set

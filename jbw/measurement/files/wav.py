@@ -47,7 +47,7 @@ def _require_whole(path: Path) -> None:
         while order and (head := stream.read(8)):
             where = stream.tell() - len(head)
             if len(head) < 8:
-                raise ValueError(f"at byte {where} a chunk ends before its length")
+                raise ValueError(f"at byte {where} the file ends within the head of a chunk")
             name, length = struct.unpack(f"{order}4sI", head)
             is_chunk = name.decode("ascii", "replace").isprintable()
             if (
@@ -70,9 +70,8 @@ def _frame_of(head: tuple[int, ...]) -> int:
     channels, rate, bytes_a_second, frame, bits = head
     if bytes_a_second != rate * frame or frame != channels * -(-bits // 8):
         raise ValueError(
-            f"the header contradicts itself: {rate} samples per second of {channels} channel(s) "
-            f"with {bits} bits do not give the stated {bytes_a_second} bytes per second and "
-            f"{frame} bytes "
+            f"the header contradicts itself: {channels} channel(s) with {bits} bits at {rate} "
+            f"samples per second do not give {bytes_a_second} bytes per second and {frame} bytes "
             "per sample"
         )
     return frame

@@ -521,8 +521,8 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         own = min(noise, 0.3 * signal.a0) ** 2 + QUANTUM_NOISE * half_step**2
         return 1 / np.sqrt(own + (LAW_ERROR * size) ** 2)
 
-    # One start has the mean frequency and damping rate, one those of the first values, one the
-    # strongest line, since beating modes and steady lines can mislead each.
+    # The starts are the mean frequency and damping rate, frequency and damping rate of the first
+    # values, and the strongest spectral line. Beating modes or steady lines can mislead one start.
     begun = signal.until(max(int(np.argmax(signal.size < 0.5 * signal.size[0])), 3) + 1)
     rate = max(float(np.log(begun.size[0] / begun.size[-1])) / begun.time[-1], scale)
     initial = float(np.angle(np.vdot(begun.z[:-1], begun.z[1:]))) / signal.step_s

@@ -30,7 +30,7 @@ def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) ->
     if len(x) < FEWEST or not 0 < low < high < record.fs / 2 or not np.any(x):
         return None
     x = x - np.mean(x)
-    # With unit amplitude, the optimiser takes the same steps in any unit.
+    # The record is scaled to unit amplitude, so the optimiser's steps do not depend on its unit.
     unit = float(np.max(np.abs(x)))
     signal = decay.decay_signal(x / unit, record.fs, band_hz, derivative_order(record.response))
     signal = replace(signal, unit=unit)

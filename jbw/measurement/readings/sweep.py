@@ -411,7 +411,7 @@ def _project(
     left = target - columns @ gains
 
     def moved(by: Columns) -> Complexes:
-        """Return the change of the residual after a change `by` of the columns; refit the gains."""
+        """Return the change of the residual if the columns change by `by`; refit the gains."""
         change = by @ gains
         return -change - columns @ gains_of(along(by, left) - along(columns, change))
 
@@ -474,7 +474,7 @@ class SweepFits(NamedTuple):
 
     KIND = "sweep"
     FIRST = 0
-    SECOND_ORDER = 0.05  # more than for a decay, because the amplitude changes faster in a sweep
+    SECOND_ORDER = 0.05  # larger than for a decay: the amplitude changes faster in a sweep
     FLOOR = 0.01
 
 

@@ -126,7 +126,7 @@ def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
         return 1
     if is_one_header and declared > 0 and size % declared == 0:
         return int(size // declared)
-    raise ValueError(f"`{name}` declares {declared:g} samples, but has {size}")
+    raise ValueError(f"channel `{name}` declares {declared:g} samples, but has {size}")
 
 
 def _rounding(text: str) -> float:

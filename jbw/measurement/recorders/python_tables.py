@@ -94,8 +94,7 @@ def read(contents: Contents) -> Contents:
         if item.shape[0] == item.shape[1]:
             raise ValueError(
                 f"a square table of {len(names)} channels does not show whether rows or columns "
-                "are "
-                "channels"
+                "are channels; export more samples than channels"
             )
         units = units * len(names) if len(units) == 1 else units
         units = units if len(units) == len(names) else [""] * len(names)

@@ -22,8 +22,8 @@ class Recorder:
     read: Callable[[Contents], Contents] | None = None
     of_text: Callable[[Sequence[str]], bool] | None = None
     read_text: Callable[[Sequence[str], Path], Contents] | None = None
-    is_general: bool = False  # whether it accepts files that no other recorder recognises
-    # first word of `Contents.reader`, such as MATLAB, for the trees it may recognise; empty for all
+    is_general: bool = False  # whether this recorder accepts files that no other recognises
+    # first words of `Contents.reader`, such as MATLAB, of files to recognise; empty for all files
     readers: tuple[str, ...] = ()
 
     def recognises(self, contents: Contents) -> bool:

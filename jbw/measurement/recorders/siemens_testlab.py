@@ -49,7 +49,7 @@ def read(contents: Contents) -> Contents:
         count = number_at(node, "x_values", "number_of_values")
         size = max(values.shape, default=0)
         if count not in (size, 0) and not math.isnan(count):
-            raise ValueError(f"`{name}` declares {count:g} values, but contains {size}")
+            raise ValueError(f"signal `{name}` declares {count:g} values, but contains {size}")
         label = text_at(node, "function_record", "name") or name
         unit = text_at(node, "y_values", "quantity", "label")
         if plain(text_at(node, "x_values", "quantity", "label")) == "Hz":

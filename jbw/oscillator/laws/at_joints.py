@@ -66,7 +66,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
             return kind.caution(plain(bounds), y_peak)
 
         def powers_of_length(self) -> dict[str, Any]:
-            """Return additional powers of length, keyed by the parameters' names at the joint."""
+            """Return the exponents of length to add to the units of a joint's parameters."""
             plain_powers = _of_kind(kind, self).powers_of_length()
             return {name_at(name, joint): value for name, value in plain_powers.items()}
 

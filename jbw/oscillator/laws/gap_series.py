@@ -1,4 +1,4 @@
-r"""The Bouc-Wen law behind a gap: free travel between two contacts.
+r"""The Bouc-Wen law in series with a gap: free travel between two contacts.
 
 The memory is the element's force Z and the position s in the gap, $-b \le s \le b$. While |s| < b
 there is no force; at a contact the element takes all motion beyond it. A move in the direction
@@ -34,13 +34,13 @@ from jbw.report.messages import joint as messages
 
 # Prior range of half the gap, relative to the largest displacement: a wider gap never closes.
 WIDTH = (0.005, 0.9)
-# largest prior stiffness, relative to the stiffness at rest (False), or under prescribed motion to
-# that of a whole loop (True)
+# largest prior stiffness: relative to the stiffness at rest (False), or, under prescribed motion,
+# relative to the stiffness of a whole loop (True)
 STIFFEST = {False: 2.0, True: 20.0}
 _NODES, _NODES_PER_HARMONIC = 32, 4
 
-# whether the element behind the gap is in contact, and the constant c in the slope of its force
-# [1/m]
+# whether the element in series with the gap is in contact, and the constant c in the slope of the
+# element's force [1/m]
 Contact = tuple[Bool[Array, "..."], Scalar]
 
 
@@ -64,22 +64,22 @@ class GapSeries(Law):
             "gap_stiffness",
             "α_g",
             "1/s^2",
-            "stiffness of the joint behind the gap",
+            "stiffness of the joint in series with the gap",
             0.0,
             is_open=True,
         ),
-        Quantity("gap_softening", "δ_g", "1/m", "softening of the joint behind the gap"),
-        Quantity("gap_opening", "γ_g", "1/m", "opening of the joint behind the gap"),
+        Quantity("gap_softening", "δ_g", "1/m", "softening of the joint in series with the gap"),
+        Quantity("gap_opening", "γ_g", "1/m", "opening of the joint in series with the gap"),
         Quantity("gap", "b", "m", "half of the free travel", 0.0),
     )
 
     products: ClassVar[tuple[Monomial, ...]] = (
         Monomial(
-            Quantity("gap_alpha_delta", "α_g δ_g", "1/(m s^2)", "softening behind the gap"),
+            Quantity("gap_alpha_delta", "α_g δ_g", "1/(m s^2)", "softening in series with the gap"),
             {"gap_stiffness": 1, "gap_softening": 1},
         ),
         Monomial(
-            Quantity("gap_alpha_gamma", "α_g γ_g", "1/(m s^2)", "opening behind the gap"),
+            Quantity("gap_alpha_gamma", "α_g γ_g", "1/(m s^2)", "opening in series with the gap"),
             {"gap_stiffness": 1, "gap_opening": 1},
         ),
     )

@@ -56,7 +56,7 @@ class MasingPower(Masing):
         return 0.0 * self.power_loss
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the power of length to add to the unit of the loss parameter, a value at 1 mm."""
+        """Return the exponent of length to add to the unit of the loss, which is stated at 1 mm."""
         return {"power_loss": -self.power_exponent}
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
@@ -194,7 +194,7 @@ class Iwan4(Masing):
         return Corner(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the power of length to add to the unit of the loss parameter, a value at 1 mm."""
+        """Return the exponent of length to add to the unit of the loss, which is stated at 1 mm."""
         return {"iwan_loss": -1.0 - self.iwan_chi}
 
     def thresholds(self) -> tuple[Threshold, ...]:

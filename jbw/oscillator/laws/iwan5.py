@@ -183,7 +183,7 @@ class Iwan5(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
     ) -> tuple[SliderStretches, Scalar, Scalar]:
-        """Return the sliders after a step that may reverse, and the changes of v and y by kinks.
+        """Return the state of the sliders after a step that may reverse, and kinks' effect on v, y.
 
         After a reversal, all sliders are stuck.
         """

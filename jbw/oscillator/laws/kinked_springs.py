@@ -116,7 +116,12 @@ class Quadratic(KinkedSpring):
 
     name: ClassVar[str] = "quadratic"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("quadratic", "c₂", "1/(m s^2)", "stiffness by the size of the displacement"),
+        Quantity(
+            "quadratic",
+            "c₂",
+            "1/(m s^2)",
+            "stiffness that changes with the size of the displacement",
+        ),
     )
     fields: ClassVar[Mapping[str, str]] = {"quadratic": "c"}
 

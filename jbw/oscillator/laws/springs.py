@@ -185,7 +185,7 @@ class Square(Spring):
 
     name: ClassVar[str] = "square"
     table: ClassVar[tuple[Quantity, ...]] = (
-        Quantity("square", "k₂", "1/(m s^2)", "stiffness gained by displacement, an even force"),
+        Quantity("square", "k₂", "1/(m s^2)", "coefficient of the even force k₂ y²"),
     )
     is_even: ClassVar[bool] = True
     fields: ClassVar[Mapping[str, str]] = {"square": "k_2"}

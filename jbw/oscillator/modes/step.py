@@ -471,7 +471,7 @@ def driven(
     starts: Sequence[Remainder],
     passed: Sequence[Passed],
 ) -> ModalMotion:
-    """Return the modes at the end of a step: change without joint forces, plus their effect."""
+    """Return the modes after a step: their change without joint forces, plus the forces' effect."""
     (q, v), (rise, gain) = motion, change
     forces = [
         (start.r, start.rate, end.r_1 - start.r, end.rate_1)

@@ -177,7 +177,7 @@ def unread(name: str, reason: str) -> FaultText:
 
 def read_by_kinds(kinds: str) -> str:
     """Return the reason why a setting has no effect: it applies only to absent kinds of test."""
-    return f"only tests of kind {kinds} use it, and the campaign has no such test"
+    return f"only tests of kind {kinds} use this key, and the campaign has no test of this kind"
 
 
 def no_test_of_kind(kind: str) -> str:
@@ -192,7 +192,7 @@ def nothing_to_adapt(sampler: str) -> str:
 
 def no_coordinates(laws: str) -> str:
     """Return the reason why a setting has no effect: no law offers other coordinates."""
-    return f"no law of the joint ({laws}) offers other parametrisations"
+    return f"no law of the joint ({laws}) has alternative parametrisations"
 
 
 def put_same_as(joint: str, leader: str) -> str:
@@ -284,20 +284,20 @@ def base_beside_others(others: str) -> str:
     """Return the message that a campaign combines tests on a moving base with other drives."""
     return (
         f"[[test]] channels: tests with `base` cannot be combined with tests driven by {others}, "
-        "which have another gain; make a separate campaign of each."
+        "which have another gain; make a separate campaign of the tests of each drive."
     )
 
 
 BASE_WITHOUT_MASS = (
     "[[test]] channels: tests with `base` and tests driven by a force need the modal mass, which "
     "relates their gains. Put under [campaign]: `modal_mass = 1.0`, with the mass in kg, or make a "
-    "separate campaign of each."
+    "separate campaign of the tests with `base`."
 )
 
 
 def joint_twice(table: str, count: int) -> str:
     """Return the message that several joints have the same name."""
-    return f"{table} name: must be unique, but {count} joints have it."
+    return f"{table} name: must be unique, but {count} joints have the same name."
 
 
 def no_place(table: str) -> str:
@@ -307,7 +307,7 @@ def no_place(table: str) -> str:
 
 def no_stiffness(table: str) -> str:
     """Return the message that a joint of a matrix model has no stiffness."""
-    return f"{table} stiffness: missing; state that of the stuck joint in SI [N/m, or N m/rad]."
+    return f"{table} stiffness: missing; state the stiffness of the stuck joint [N/m, or N m/rad]."
 
 
 def without_matrices(table: str, key: str) -> str:

@@ -133,7 +133,7 @@ MESSAGES = (
         """,
         remedy="Use a sampler that determines the weights of modes. "
         'Put under [identify]: `sampler = "tempered_smc"`.',
-        passed="The posterior of no quantity has two separate modes.",
+        passed="No quantity has a posterior with two separate modes.",
     ),
     Message(
         "crossing.weighed",

@@ -20,7 +20,7 @@ def few_values(
 
 def put_wider_band(low: float, high: float) -> str:
     """Return the remedy with a band [Hz] that is wide enough for the record's length."""
-    return f"Put under [[test]]: `band = [{low:g}, {high:g}]`, where no other mode lies in it."
+    return f"Put under [[test]]: `band = [{low:g}, {high:g}]`, if only one mode lies in this band."
 
 
 def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
@@ -101,7 +101,9 @@ def second_mode(
     first_hz: float, second_hz: float, band: tuple[float, float] | None, *, driven: bool
 ) -> FaultText:
     """Return the message on two modes in one band [Hz], with a band that has only the first."""
-    structure = f"tate both modes by [structure]{' or by `modes` in [identify]' if driven else ''}."
+    structure = (
+        f"tate both modes under [structure]{' or with `modes` under [identify]' if driven else ''}."
+    )
     narrower = None if band is None else f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`"
     return FaultText(
         f"`band` contains two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",

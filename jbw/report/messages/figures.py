@@ -85,7 +85,7 @@ def first_point_amplitude(unit: str) -> str:
 
 def fold(mode: str, amplitude: str) -> str:
     """Return the title of a backbone that ends early, with the two possible reasons."""
-    return f"{mode}: curve ends at {amplitude}\n(fold, or too many turning points)"
+    return f"{mode}: ends at {amplitude}\n(fold or too many turns)"
 
 
 def loop_areas(count: int, largest: str) -> str:

@@ -38,7 +38,7 @@ SMOOTH_AT_REST = "differentiable at rest, with finite slopes"
 PROPORTIONAL = "proportional to the velocity"
 INTEGRAL_OF_RATE = "the integral of `rate`, with the same force [N/kg] after a move"
 SLOPE_AT_REST = "the slope of `force` at rest"
-DIFFERENCE_OF_RECORDS = "differentiable, with the derivative that the difference of records shows"
+DIFFERENCE_OF_RECORDS = "differentiable, with the derivative that finite differences give"
 ODD = "odd in the motion, unless `check_periodic` refuses the law"
 ALONG_MOTION = "the harmonics of `force` along a steady motion"
 OTHER_UNITS = "the same law in other units, with the same harmonics"
@@ -104,7 +104,8 @@ def prior_beyond_motion(name: str, least: float, most: float, y_peak: float) -> 
     what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
     return (
         f"The prior of {name} {what} m, but the largest motion is {y_peak:.3g} m: a gap wider than "
-        "this never closes, and its parameters have no effect. Lower the bound, or drive harder."
+        f"this never closes, and the gap's parameters have no effect. Lower the bound of {name}, "
+        "or drive the structure harder."
     )
 
 

@@ -57,12 +57,16 @@ def threshold_beyond(what: str, mechanism: str, y: float, rests: str) -> str:
     )
 
 
+ONE_DRAW = "one draw, `jax.tree.map(lambda x: x[0], study.joints())`"
+WITH_ALL_MODES = f"Follow all branches and modes of {ONE_DRAW}, by `jbw.response_curve`."
+
+
 def isolated(what: str, share: float) -> str:
     """Return the warning that response curves have a branch that is not connected to the rest."""
     return (
         f"{what} has a second branch of larger motion in {100 * share:.3g} % of the draws, which a "
-        "slow sweep from rest does not reach but a shock may. The prediction is that of the main "
-        "branch. Stay below this level, or follow both by `jbw.steady_state`."
+        "slow sweep from rest does not reach but a shock may. The prediction follows the main "
+        "branch. Stay below this level, or compute both branches by `jbw.steady_state`."
     )
 
 
@@ -71,8 +75,7 @@ def internal_resonance(what: str, own_hz: float, other_hz: float) -> str:
     return (
         f"{what} moves the mode at {own_hz:.4g} Hz, whose harmonics also move the mode at "
         f"{other_hz:.4g} Hz, near an odd multiple. The prediction balances all modes with 8 "
-        "harmonics and follows one branch. Check one draw for further branches by "
-        "`jbw.response_curve`, with the structure `jax.tree.map(lambda x: x[0], study.joints())`."
+        f"harmonics and follows one branch. {WITH_ALL_MODES}"
     )
 
 
@@ -114,7 +117,7 @@ BASE_NEEDS = "Option --base needs a load: --response, --psd or --shock."
 RESPONSE_NEEDS = "Option --response needs --level, and --notch needs --response and --level."
 
 
-SINE_NEEDS = "Option --sine needs --psd, the random profile beside the sine."
+SINE_NEEDS = "Option --sine needs --psd, the random vibration to which the sine is added."
 
 
 def no_sine(text: str) -> str:
@@ -157,15 +160,15 @@ def earlier_posterior(run: str) -> str:
     """Return the message that predictions were made with an earlier posterior of the run."""
     return (
         f"{run}/predictions contains predictions under other loads that were made with an "
-        "earlier posterior of this run. Predict them again with `jbw predict`."
+        "earlier posterior of this run. Repeat these predictions with `jbw predict`."
     )
 
 
 def unreadable_loads(run: str) -> str:
     """Return the message for saved predictions that cannot be read."""
     return (
-        f"The predictions under other loads in {run}/predictions cannot be read. Predict them "
-        "again with `jbw predict`."
+        f"The predictions under other loads in {run}/predictions cannot be read. Repeat "
+        "these predictions with `jbw predict`."
     )
 
 

@@ -117,11 +117,11 @@ MESSAGES = (
         Check: the lag-one autocorrelation of the residual; it must be below 0.2 or below 3 /
         sqrt(n), which white noise of n values exceeds only by chance.
 
-        White noise has no autocorrelation. A correlated residual shows a model discrepancy: of
-        the joint's law, of a second mode, of a filter. The likelihood then counts an effective
-        number of samples, so that the covariance of least squares equals that caused by such a
-        residual (`model_error = "none"` takes the law as exact instead). Intervals then do not
-        become too narrow; a bias of the parameters by the discrepancy may still exceed them.
+        White noise has no autocorrelation. A correlated residual shows a model discrepancy: an
+        error of the joint's law, a second mode, or a filter. The likelihood then counts fewer
+        samples (an effective number), so that the intervals are as wide as the correlated residual
+        requires. `model_error = "none"` takes the law as exact instead. The discrepancy may still
+        change the parameters by more than the intervals.
 
         Where the residual of every test is at most 5 %, this finding, `repeatability` and
         `chi_square` are *usable*: the residual is the error of the law, and the law may be used
@@ -254,8 +254,8 @@ MESSAGES = (
     Message(
         "simpler_model",
         "On {test} ({fit_status}) the RMS error of the joint's law is {error:.2g %} of the "
-        "record's rms, that of the best {kind} oscillator {simpler:.2g %}; on every test the error "
-        "of the law must be below {limit:g} times that of the oscillator.",
+        "record's rms; the error of the best {kind} oscillator is {simpler:.2g %}. On every test "
+        "the law's error must be below {limit:g} times the oscillator's error.",
         """
         Check: the error of every test, compared with that of the best linear and (with
         `compare_with` = ["linear", "cubic"]) cubic oscillator of the same tests; it must be less

@@ -28,8 +28,8 @@ def one_joint(evidence: str, least: float) -> str:
 def no_shared_joint(evidence: str) -> str:
     """Return the message that there is no sign of a shared joint."""
     return (
-        f"The data do not show that the other modes move the joint: {evidence}. Drive harder, or "
-        "leave these modes out of `modes`."
+        f"The data do not show that the other modes move the joint: {evidence}. Drive the "
+        "structure harder, or leave these modes out of `modes`."
     )
 
 
@@ -114,7 +114,7 @@ def numbered(mode: int, hz: float) -> str:
     return f"Mode {mode}, at {hz:.4g} Hz,"
 
 
-MOTION_FACTOR = "measured motion relative to that of the matrices"
+MOTION_FACTOR = "measured motion relative to the structural model"
 LAWS_BY_MODEL = (
     "If no factor is stated for a joint in a mode, the motion of the joint is taken from the "
     "matrices; the laws of the joint refer to the motion in the modes without a factor."

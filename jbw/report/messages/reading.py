@@ -143,7 +143,7 @@ def few_driven_lines(record: str, least: int) -> str:
 
 
 def rests(start: float, end: float, share: float, keep: str) -> str:
-    """Return the note on the times [s] in which a record moves, with the line that keeps them."""
+    """Return the note on the times [s] in which a record moves, with the line to select them."""
     return (
         f"The structure is at rest outside of {start:g} to {end:g} s. {keep}; a fit to this "
         f"part takes only {100 * share:.0f} % of the time."
@@ -154,7 +154,7 @@ def oversampled(per_cycle: float, hz: float, ordinal: str, fs: float, every: int
     """Return the note that a sampling frequency is higher than necessary."""
     return (
         f"The record has {per_cycle:.0f} samples per cycle of its strongest frequency, {hz:.4g} "
-        f"Hz: low-pass it and export every {ordinal} sample ({fs:g} Hz); a fit then takes "
+        f"Hz: low-pass the record and export every {ordinal} sample ({fs:g} Hz); a fit then takes "
         f"{100 / every:.0f} % of the time."
     )
 
@@ -165,7 +165,7 @@ def long_record(name: str, samples: int, proposals: Sequence[str]) -> str:
 
 
 def to_rate(fs: float, new_fs: float, passed: float, lost: float) -> str:
-    """Return the note on resampling to another rate [Hz], with the signal lost by it."""
+    """Return the note on resampling to another rate [Hz], with the lost part of the signal."""
     return (
         f"from {fs:.7g} to {new_fs:.7g} Hz, with an error of 3e-05 below "
         f"{passed * new_fs / 2:.4g} Hz; the part above this frequency is removed "

@@ -6,7 +6,7 @@ from jbw.report.messages.message import FaultText, percent
 
 NO_PHASE = FaultText(
     "The response is in phase with the input at every frequency.",
-    "The response of a damped structure lags the input; without its phase the damping cannot "
+    "The response of a damped structure lags the input; without the phase the damping cannot "
     "be determined.",
     "Name the channel that contains the phase.",
 )
@@ -70,7 +70,7 @@ def in_degrees(phase: float) -> FaultText:
     return FaultText(
         f"The phase reaches {phase:.3g} rad, more than three turns.",
         "The phase is probably in degrees.",
-        'Give units = { phase = "deg" }.',
+        'Put under [[test]]: `units = { phase = "deg" }`.',
     )
 
 
@@ -87,7 +87,7 @@ def loop_turned(rises: float, work: float) -> FaultText:
 def undecaying(times: float) -> FaultText:
     """Return the message that the response of a free decay does not decrease."""
     return FaultText(
-        f"The response of the last quarter is {times:.2g} times that of the first.",
+        f"The response of the last quarter is {times:.2g} times the response of the first.",
         "A free decay falls; this record may be driven, or may begin before the impact.",
         "Correct the key `kind`, or cut the record with `span` or `settle`.",
     )
@@ -105,8 +105,8 @@ def offset(ratio: float, of: str = "") -> FaultText:
 def already_moving(share: float) -> FaultText:
     """Return the message on motion at a record's start, relative to its usual motion."""
     return FaultText(
-        f"The motion at the start of the record is {percent(share, '.0f')} of its usual size, "
-        "but the model of such a test starts from rest.",
+        f"The motion at the start of the record is {percent(share, '.0f')} of the usual motion, "
+        "but the model of this kind of test starts from rest.",
         "The effect of the earlier motion would be taken for an error of the law.",
         "Set `settle` to the time in which free motion dies out, about 6 / (zeta omega_n), or "
         "let `span` begin where the structure is at rest.",

@@ -135,7 +135,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "Another set of parameters for the same law, such as products in place of factors."
     ),
     ("parameter", "parameter or combination", "parameters", "quantity"): (
-        "The name of a parameter of the model; `jbw explain alpha`, for example, explains one. A "
+        "The name of a parameter of the model; for example, `jbw explain alpha` explains alpha. A "
         "column `parameters` contains the number of parameters of a law."
     ),
     ("unit",): ("The unit of a quantity. In tables of several joints, the name of a joint."),
