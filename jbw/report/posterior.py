@@ -267,7 +267,7 @@ def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
         look = {"color": source.colour, "ls": source.line, "lw": 0.9, "alpha": 0.8}
         panel.plot(shown + 1, conv[:, shown].T, **look)[0].set_label(source.label)
     if not any(panel.lines for panel in axes.flat):
-        raise DataError("No step of the result has the running mean `conv` in its sample_stats.")
+        raise DataError("The result has no running mean `conv` in the sample_stats of any step.")
     return finish(axes, ax, labels.DRAW, labels.RUNNING_MEAN)
 
 

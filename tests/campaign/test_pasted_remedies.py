@@ -327,7 +327,7 @@ def test_a_span_between_pauses_is_resampled_by_itself(tmp_path):
     path = tmp_path / "campaign.toml"
     path.write_text(TIMED + "resample = 400.0\n")
     (fault,) = faults(path)
-    assert "differs from these samples by" in fault.what
+    assert "differs from the omitted samples by" in fault.what
     (line,) = LINE.findall(fault.remedy)
     (test,) = parse(with_line(path.read_text(), line)).tests
     (record,) = repeats_of(test, tmp_path)
