@@ -76,7 +76,7 @@ class DataError(JbwError, ValueError):
         Traceback (most recent call last):
             ...
         jbw.errors.DataError: File `hit_1.csv` does not exist.
-        Correct the path: folder `.` has no files.
+        Correct `hit_1.csv`: folder `.` has no files.
     """
 
     exit_code = 3

@@ -155,7 +155,7 @@ def _reader_of(path: Path) -> str:
         folder = path.parent
         files = sorted(p.name for p in folder.iterdir() if p.is_file()) if folder.is_dir() else []
         listed = f"Found: {', '.join(files[:10])}." if files else ""
-        where = listed or f"Correct the path: folder `{folder}` has no files."
+        where = listed or f"Correct `{path}`: folder `{folder}` has no files."
         raise DataError(
             f"File `{path}` does not exist.", remedy=did_you_mean(path.name, files) + where
         )
