@@ -208,7 +208,10 @@ def _tests(
         blocks += file_blocks
     if sum(map(bool, torques)) > 1:
         of_torques = [_pattern(repeats) for repeats in groups if _torque_of(repeats[0])]
-        patterns = [files if isinstance(files, str) else " ".join(files) for files in of_torques]
+        patterns = [
+            " ".join(str(folder / file) for file in ([files] if isinstance(files, str) else files))
+            for files in of_torques
+        ]
         assumed.append(("", messages.torques(patterns)))
     return _named(_bands_together(blocks, folder, assumed), names)
 

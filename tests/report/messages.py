@@ -304,6 +304,7 @@ OF_TOPICS = {
             "natural frequency", "19.96", "19.6 Hz [19.59, 19.61]", lowers=True)),
         opening.effect(0.4, 4.0, "mm", opening.no_change("damping ratio", "1 % [0.9, 1.1]")),
         opening.effect(0.4, 4.0, "mm", opening.keeps_stiffness(96.4, 96.0, 97.0)),
+        opening.contradicted(4.0, "mm", "1.5 % [1.485, 1.515]", "0.9 ± 0.03 %"),
         opening.of_unknown_mass("1e+06", "[9.949e+05, 1.005e+06]", is_rotation=False),
         opening.split([opening.repeats("tap", [1, 4]), "sweep"], [opening.repeats("tap", [2, 3])],
                       some_repeats=True),

@@ -91,6 +91,35 @@ def test_a_change_within_its_band_is_no_change():
     assert messages.no_change("natural frequency", interval) in sentence
 
 
+def with_readings(damping, sd, y=(1e-3, 4e-3)):
+    """The result above, with measured damping ratios at two amplitudes."""
+    tree = tree_of().to_dict()
+    rows = {"y": y, "damping": damping, "damping_sd": (sd, sd)}
+    tree["/look/tap"] = xr.Dataset({name: ("reading", list(x)) for name, x in rows.items()})
+    return xr.DataTree.from_dict(tree)
+
+
+@pytest.mark.parametrize(
+    ("damping", "sd", "said"),
+    [
+        # The law has 1.125 and 1.5 % there, with 1 % of it to both sides.
+        ((0.0112, 0.0152), 1e-4, False),  # it agrees
+        ((0.0112, 0.0090), 1e-4, True),
+        ((0.0112, 0.0090), 5e-3, False),  # the records do not tell
+        ((0.0112, 0.0130), 1e-5, False),  # certain, but 15 % are no other law
+    ],
+)
+def test_a_law_that_contradicts_what_the_records_show_is_not_to_be_used_there(damping, sd, said):
+    found = opening(summary_of(), with_readings(damping, sd))[1]
+    contradiction = messages.contradicted(4.0, "mm", "1.5 % [1.485, 1.515]", "0.9 ± 0.03 %")
+    assert (found == contradiction) == said
+
+
+def test_what_lies_beyond_the_fitted_motion_contradicts_nothing():
+    sentences = opening(summary_of(), with_readings((0.02, 0.02), 1e-4, y=(4.1e-3, 9e-3)))
+    assert not any("without a law" in sentence for sentence in sentences)
+
+
 def test_no_joint_is_said_in_the_words_of_its_finding_and_only_when_it_is_against():
     reason = "No joint is seen: it changes nothing."
     absent = summary_of(findings=[finding("no_joint", reason=reason)])

@@ -77,6 +77,17 @@ def effect(least: float, most: float, unit: str, changes: str) -> str:
     return f"From {low} to {high} {unit} of motion the joint {changes}."
 
 
+def contradicted(y: float, unit: str, modelled: str, measured: str) -> str:
+    """Return the sentence that the law's damping differs from the damping of the records."""
+    return (
+        f"At {number(y, '.3g')} {unit} the law has a damping ratio of {modelled}, but the records "
+        f"show {measured} without a law: do not use the law near this amplitude. The law may be "
+        "wrong (compare laws: jbw laws), the joint may differ between records (identify each day "
+        "and torque separately), or another mode may move the joint too (leave out the beginning "
+        "of decays by `settle`)."
+    )
+
+
 def joints_effect(mode: int, frequency: str, damping: str) -> str:
     """Return the clause on the effect of all joints on a mode at its largest motion."""
     return f"the frequency of mode {mode} changes by {frequency} and its damping ratio by {damping}"
