@@ -396,7 +396,8 @@ def _require_shares(joints: Sequence[Joint], across: np.ndarray, modes: StuckMod
         raise ModelError(
             "Joints can store at most all of a mode's strain energy, but their shares of mode "
             f"{i + 1} add up to {ratio}.",
-            why="K does not contain the stiffness of the joints, but `holds_joints` states it.",
+            why="`holds_joints = true` states that K contains the stiffness of the joints, but K "
+            "does not.",
             remedy="Set `holds_joints = false`, or correct the joints' stiffness.",
         )
 

@@ -109,7 +109,7 @@ def text_of(path: Path, what: str, remedy: str) -> str:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(
-            f"{path.name} is not UTF-8: byte {error.start}.",
+            f"File {path.name} is not UTF-8 text: byte {error.start} is invalid.",
             remedy="Save the campaign file as UTF-8.",
         ) from None
 

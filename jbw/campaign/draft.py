@@ -511,7 +511,7 @@ def _levels(
     if not source or len(files) > MOST_LEVELLED:
         return []
     peaks: dict[Path, float] = {}
-    # standard deviation of the source in each file; it is no level if the source is constant
+    # standard deviation of the source in each file; not usable as a level if the source is constant
     spread: dict[Path, float] = {}
     with suppress(JbwError, ValueError, IndexError):
         for path in files:

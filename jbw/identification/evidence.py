@@ -81,7 +81,7 @@ class Candidate:
 
     laws: Laws
     fitted: Fitted
-    meet: str = ""  # way in which modes share joints, a key of MEET; empty for the campaign's way
+    meet: str = ""  # key of MEET: how modes share joints; empty if the campaign's statement applies
 
     @property
     def name(self) -> str:

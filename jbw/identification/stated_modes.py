@@ -55,7 +55,7 @@ def modes_of(
             "[structure] needs tests of one drive, but the tests are driven by "
             f"{' and '.join(drives)}.",
             why="A shaker that moves with the structure changes every mode.",
-            remedy="Leave the tests of one drive out of the campaign file.",
+            remedy="Write a separate campaign file for the tests of each drive.",
         )
     highest = max(modes.hz)
     for test in tests:
@@ -129,7 +129,7 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
                 f"[identify.prior] `{name}` must end below `{other}`, which begins at {low:.5g} "
                 f"rad/s, but ends at {high:.5g}.",
                 why="The modes would change places.",
-                remedy="Narrow these bounds, or leave these bounds out.",
+                remedy=f"Narrow or remove the bounds of `{name}` or `{other}` in [identify.prior].",
             )
 
 

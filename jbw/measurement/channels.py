@@ -10,8 +10,8 @@ from jbw.errors import ConfigError, DataError
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-# This tolerance is relative, so that a spectral line on the edge of a band counts as inside, and an
-# almost whole number of samples as whole, in every unit of time.
+# This tolerance is relative, so that it has the same effect in every unit of time. A spectral line
+# on the edge of a band counts as inside, and an almost whole number of samples counts as whole.
 ROUNDING = 1e-9
 # order of the differences; these retain 0.8 % of a sine with eight samples per period
 DIFFERENCES = 6

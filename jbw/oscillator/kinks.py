@@ -162,7 +162,7 @@ class KinkImpulse(NamedTuple):
 
 
 def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
-    r"""Return how a kink of the force within a step changes v and y, beyond the cubic prediction.
+    r"""Return the changes of v and y by a force kink within a step, beyond the cubic prediction.
 
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains, given as
     h^3 J_2 and h^4 J_3 [m/s],

@@ -144,8 +144,8 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     identification = study.identification
     if identification is None or identification.data is None:
         raise DataError(
-            f"{study.result.campaign} has no joint posterior at hand.",
-            why="A saved run contains draws, but not the likelihood of its records.",
+            f"The result of {study.result.campaign} has no likelihood of its records.",
+            why="A result that is read from a saved run contains draws, but no likelihood.",
             remedy="Give the result that `jbw.identify` returned in this process.",
         )
     data, main = identification.data, identification.main

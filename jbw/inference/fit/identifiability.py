@@ -199,7 +199,7 @@ def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
 
 
 def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
-    r"""Return how far each posterior mean shifts if a tenth of the parameter's range is removed.
+    r"""Return the shift of each posterior mean if a tenth of the parameter's range is removed.
 
     $$\frac{E[\theta \mid \theta_i \in B'] - E[\theta]}{\mathrm{sd}(\theta)}$$
 

@@ -80,7 +80,7 @@ class Hypothesis:
         yield from ()
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield columns that state how this fault changes the data near a fit of the joint."""
+        """Yield suspects of this fault, with the data changes that it causes near a joint's fit."""
         yield from ()
 
 
@@ -134,7 +134,7 @@ def best_of(fits: Fits) -> ModeFit:
 
 
 def remainder(fits: Fits) -> LeftOver:
-    """Return the residual that the best fit of one mode leaves in a record."""
+    """Return the residual of a record after the best fit of one mode."""
     best, signal = best_of(fits), fits.signal
     turned = best.residual
     if isinstance(fits, SweepFits):  # In the frame of the drive, a steady line rotates.

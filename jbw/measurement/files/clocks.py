@@ -76,8 +76,9 @@ def sampling_frequency(
     """
     if time.ndim != 1 or len(time) < 2:
         raise DataError(
-            f"Time channel `{name}` must hold at least two samples on one axis, "
-            f"but its shape is {time.shape}."
+            f"Time channel `{name}` must contain at least two samples on one axis, but its shape "
+            f"is {time.shape}.",
+            remedy="Name the channel that contains the times, or export the times as one column.",
         )
     seconds = np.asarray(time, np.float64) * factor
     every_quanta = [quanta * factor for quanta in _quanta(time)]

@@ -165,7 +165,7 @@ class Jenkins(Law):
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Bool[Array, "..."], ...]:
-        """Return which sliders slip; their springs are stretched by exactly the slip limit."""
+        """Return a mask of slipping sliders; their springs are stretched by the slip limit."""
         pairs = zip(memory, self.phi, strict=True)
         return tuple(signed(x, v) >= phi for x, phi in pairs)
 
