@@ -25,7 +25,7 @@ BACKBONE = "verification/backbone"
 FREE_LAW = "free_law"
 # Names of groups that contain draws, anywhere in the tree.
 DRAWN = ("posterior", "as_recorded", "runs")
-HELD_OUT = "held out"  # value of an attribute: the test is in no fit
+HELD_OUT = "held out"  # attribute value of a test that no fit uses
 
 
 class PosteriorParameter(NamedTuple):
@@ -153,7 +153,10 @@ def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
     if group is None:
         raise DataError(f"The result has no group /{path.strip('/')}.")
     if missing := [name for name in needed if name not in group.data_vars]:
-        raise DataError(f"The group /{path.strip('/')} lacks {', '.join(missing)}.")
+        raise DataError(
+            f"The group /{path.strip('/')} of the result lacks {', '.join(missing)}.",
+            remedy="Identify the campaign again with this version of jbw and with all steps.",
+        )
     return group.to_dataset()
 
 

@@ -227,7 +227,7 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
             raise RunError(
                 f"The campaign of the run in {folder} must be that of its virtual rig, "
                 f"{OF_RIG}, but is {manifest.campaign}.",
-                why="The rig's records are written there.",
+                why="The records of the virtual rig are written next to the campaign file.",
                 remedy="Begin a run of your own: jbw demo --out DIR.",
             )
         require_room(folder)

@@ -61,7 +61,7 @@ class Identifiability:
     # the prior range shrinks by a tenth.
     contraction: dict[str, float] = field(default_factory=dict)
     sensitivity: dict[str, Sensitivity] = field(default_factory=dict)
-    statements: tuple[str, ...] = ()  # sentences on all these results
+    statements: tuple[str, ...] = ()  # sentences that state the results of the analysis
 
     def summary(self) -> dict[str, Any]:
         """Return the result as plain values for `summary.json`; unknown numbers are None."""
