@@ -394,7 +394,7 @@ def require_file(path: Path, what: str, remedy: str) -> None:
     except PermissionError:
         raise ConfigError(
             f"{what} `{path}` must be readable, but permission is denied.",
-            remedy="Ask its owner for permission to read the file and its folder.",
+            remedy="Ask the owner of the file for permission to read the file and the folder.",
         ) from None
     if is_folder:
         inside = sorted(path.glob("*.toml"))

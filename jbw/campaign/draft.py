@@ -357,7 +357,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
 def already_written(path: Path) -> ConfigError:
     """Return the error for a campaign file that already exists."""
     return ConfigError(
-        f"`{path}` exists already; it is not overwritten.",
+        f"`{path}` exists already, and is not overwritten.",
         remedy="See the draft with: jbw init --print FOLDER",
     )
 

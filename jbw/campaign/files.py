@@ -113,7 +113,8 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
         listed = ", ".join(f"{column[0][0].name}: {len(column)}" for column in columns)
         raise DataError(
             f"Test {test.name!r} must have equally many files for each role, but has {listed}.",
-            remedy="Files are paired in their natural order; name those that belong together.",
+            remedy="Add the missing files, or remove files without a counterpart: the files of all "
+            "roles are paired in natural order.",
         )
     return [list(parts) for parts in zip(*columns, strict=True)]
 

@@ -139,8 +139,8 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
     for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
         if (names.omega if names else "omega_n") not in first_values:
             raise DataError(
-                f"[structure] modes: a test must drive the mode at {hz:g} Hz within 7 %, but none "
-                "that is fitted does.",
+                f"[structure] modes: a test must drive the mode at {hz:g} Hz within 7 %, but no "
+                "fitted test does.",
                 remedy=f"Sweep through {hz:g} Hz, or leave {hz:g} Hz out of `modes`.",
             )
         for point, seen in modes.seen.items() if modes.meet != "assembled" else ():

@@ -28,7 +28,7 @@ def channel(x: ArrayLike, name: str) -> Reals:
             raise TypeError
         samples = samples.astype(np.float64)
     except (TypeError, ValueError):
-        raise DataError(f"Channel `{name}` must hold real numbers.") from None
+        raise DataError(f"Channel `{name}` must contain real numbers.") from None
     if samples.ndim not in (1, 2) or samples.size == 0:
         raise DataError(
             f"Channel `{name}` must have the shape (time,) or (repeat, time), "

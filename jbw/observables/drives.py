@@ -91,7 +91,7 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 
 
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return which of omega_n, zeta and gain the dataset parts determine jointly.
+    """Return those of omega_n, zeta and gain that the dataset parts determine jointly.
 
     Free motion determines stiffness / mass, a prescribed displacement the stiffness [N/m]:
     together they determine the modal mass, which neither determines alone.

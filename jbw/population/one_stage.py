@@ -113,8 +113,8 @@ def measured_units(studies: Sequence[Study], population: Population) -> list[Mea
     """Return every unit of a fleet with its records and the scale of the unit's posterior."""
     if len(studies) != (num_units := len(population.result.units)):
         raise ConfigError(
-            f"Argument `studies` must hold the {num_units} units of the "
-            f"population, but holds {len(studies)}.",
+            f"Argument `studies` must contain the {num_units} units of the "
+            f"population, but contains {len(studies)}.",
             remedy="Give the result of `jbw.identify` for each unit, in the order of the fleet.",
         )
     return [_measured_unit(study, population) for study in studies]

@@ -51,7 +51,7 @@ def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
     try:
         record = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         if not isinstance(record, Mapping):
-            raise ValueError("summary.json holds no table")
+            raise ValueError("summary.json contains no table")
         has_hashes = SEAL in record
         summary = _typed(folder, unsealed(record, folder / "posterior.nc"))
         tree = read_tree(folder / "posterior.nc", *groups)
@@ -68,7 +68,7 @@ def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
         raise
     except Exception as cause:  # For damaged files, JSON and HDF5 may raise any exception.
         raise DataError(
-            f"The result in {folder} cannot be read, it is damaged: {reason_of(cause)}",
+            f"The result in {folder} is damaged and cannot be read: {reason_of(cause)}",
             remedy="Run the identification again, or restore the folder from a copy.",
         ) from cause
     require_finite(tree, folder / "posterior.nc")

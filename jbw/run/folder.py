@@ -57,7 +57,7 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
         raise RunError(
             f"Another process{_holder(file)} is writing to {folder}.",
             why="Results of two runs must not be mixed.",
-            remedy="Wait until the other process ends, or choose another folder.",
+            remedy="Wait until the process that uses the folder ends, or choose another folder.",
         ) from error
     except OSError as error:
         if error.errno not in UNSUPPORTED:

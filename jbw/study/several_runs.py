@@ -136,7 +136,7 @@ def _trends(
     draws: Sequence[Float[np.ndarray, "what draw place"]],
     amplitude: Float[np.ndarray, " place"],
 ) -> list[TorqueTrend]:
-    """Return how frequency and damping change per doubling of torque, from several runs.
+    """Return the changes of frequency and damping per doubling of torque, from several runs.
 
     The list is empty if torques are missing or do not differ.
     """

@@ -186,7 +186,7 @@ def trend_of(
     *,
     report: Callable[[str], None] = print,
 ) -> Trend:
-    """Return how a fleet's frequency and damping at given amplitudes depend on torque.
+    """Return the dependence of a fleet's frequency and damping on torque, at given amplitudes.
 
     Args:
         fleet: A fleet from `jbw.fleet_of` or `jbw.read_fleet`.

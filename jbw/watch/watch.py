@@ -211,7 +211,7 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
         raise DataError(
             "The run's campaign has no free decays.",
             why="Frequency and damping are measured at fixed amplitudes along a decay.",
-            remedy="Hit the structure with a hammer and identify these records: a test of kind "
+            remedy="Hit the structure with a hammer and identify the records as a test of kind "
             "`decay`.",
         )
     if name is None and len(decays) > 1:

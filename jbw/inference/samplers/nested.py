@@ -79,7 +79,7 @@ def require_arrival(arrived: bool) -> None:
     if not arrived:
         raise ModelError(
             f"Nested sampling stopped after {ROOM} replacements per live point, but the live "
-            f"points still hold more than the fraction {LEFT:g} of the evidence.",
+            f"points still contain more than the fraction {LEFT:g} of the evidence.",
             remedy="Narrow the prior, or pass the start and covariance of a fit.",
         )
 

@@ -84,8 +84,8 @@ def sampling_frequency(
     every_quanta = [quanta * factor for quanta in _quanta(time)]
     if fs := _coarse_rate(seconds, every_quanta):
         raise DataError(
-            f"Time channel `{name}` has too few digits to tell its samples apart, which are "
-            f"{1 / fs:.3g} s from one to the next.",
+            f"Time channel `{name}` has too few digits to distinguish samples that are "
+            f"{1 / fs:.3g} s apart.",
             why="In times with too few digits, a lost sample cannot be detected.",
             remedy=messages.coarse_times(fs),
         )

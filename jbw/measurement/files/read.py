@@ -174,7 +174,7 @@ def _reader_of(path: Path) -> str:
     if path.stat().st_size == 0:
         raise DataError(
             f"File `{path}` (0 bytes) cannot be read by the {_short(READERS[suffix])} reader.",
-            remedy="The file is empty: copy or export it again.",
+            remedy="The file is empty: copy or export the file again.",
         )
     return READERS[suffix]
 

@@ -138,7 +138,7 @@ class _Estimate(NamedTuple):
 
 
 def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
-    """Return how `hz` or `zeta` depends on amplitude and differs between records.
+    """Return the dependence of `hz` or `zeta` on amplitude and its differences between records.
 
     Args:
         tables: Readings, one table per record.

@@ -137,7 +137,7 @@ class Masing(Law):
         return memory._replace(stack=memory.stack._replace(y=y, f=f))
 
     def guesses(self, memory: Branch) -> Scalar:
-        """Return how often the motion returned to load reversals that were no longer remembered."""
+        """Return the number of returns to load reversals that were no longer remembered."""
         return memory.stack.missed
 
     # -- for derivatives ---------------------------------------------------------------------------

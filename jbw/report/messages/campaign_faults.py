@@ -152,7 +152,7 @@ def no_line_in_band(lines: tuple[float, float], band: Sequence[float]) -> FaultT
     return FaultText(
         f"No point of the response curve, {lines[0]:.4g} to {lines[1]:.4g} Hz, lies in `band` = "
         f"[{band[0]:g}, {band[1]:g}] Hz.",
-        remedy="Correct band, or the unit of frequency: it may be rad/s.",
+        remedy="Correct `band`, or the unit of `frequency`, which may be rad/s.",
     )
 
 

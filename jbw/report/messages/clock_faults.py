@@ -4,7 +4,7 @@ from jbw.report.messages.message import FaultText, number, percent
 
 
 def lost_block(at_s: float, jump_s: float, keep: str) -> FaultText:
-    """Return the message that the response's lag jumps [s], and how to keep what comes before."""
+    """Return the message that the response's lag jumps [s]; the remedy keeps the part before."""
     ahead = "ahead of" if jump_s < 0 else "behind"
     return FaultText(
         f"At {at_s:.3g} s the response jumps by {abs(jump_s):.3g} s {ahead} the drive: one of the "
