@@ -66,7 +66,7 @@ def _sampled(
     if not any(by_source.values()):
         raise DataError(
             f"The result has no posterior of a joint from {' or '.join(s.label for s in sources)}.",
-            remedy="Identify the campaign with the steps that sample these posteriors.",
+            remedy="Identify the campaign again, with all steps.",
         )
     return by_source
 

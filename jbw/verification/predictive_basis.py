@@ -199,7 +199,7 @@ class Basis:
         missing = [name for name in parameter_names(self.laws) if name not in draws]
         if missing:
             raise DataError(
-                f"A prediction needs {', '.join(missing)}, which the run's main posterior lacks.",
+                f"The run's main posterior lacks {', '.join(missing)}, which a prediction needs.",
                 remedy="State `gain` or `modal_mass` in the campaign of the tests to predict."
                 if missing == ["gain"]
                 else "Identify from tests that move the mass, such as noise, sweeps or tones.",

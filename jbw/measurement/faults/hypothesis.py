@@ -80,7 +80,7 @@ class Hypothesis:
         yield from ()
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield suspects of this fault, with the data changes that it causes near a joint's fit."""
+        """Yield suspects: changes of the data that this fault causes near a fit of the joint."""
         yield from ()
 
 
