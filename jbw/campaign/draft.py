@@ -362,7 +362,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
 def already_written(path: Path) -> ConfigError:
     """Return the error for a campaign file that already exists."""
     return ConfigError(
-        f"`{path}` exists already; it is not overwritten.",
+        f"`{path}` exists already, and is not overwritten.",
         remedy="See the draft with: jbw init --print FOLDER",
     )
 
@@ -516,7 +516,7 @@ def _levels(
     if not source or len(files) > MOST_LEVELLED:
         return []
     peaks: dict[Path, float] = {}
-    # standard deviation of the source in each file; it is no level if the source is constant
+    # standard deviation of the source in each file; not usable as a level if the source is constant
     spread: dict[Path, float] = {}
     with suppress(JbwError, ValueError, IndexError):
         for path in files:

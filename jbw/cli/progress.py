@@ -192,7 +192,7 @@ def telling(first: str = "") -> Iterator[Teller]:
 
 @contextmanager
 def computing() -> Iterator[Teller]:
-    """Set up JAX and yield a printer of progress; import modules that need JAX inside."""
+    """Set up JAX and yield a progress printer; import what needs JAX inside the `with` block."""
     with telling(STARTING) as say:
         if (limit := address_space()) < RESERVED:
             say.remark(stages.little_address_space(limit / 2**30, RESERVED / 2**30))

@@ -39,7 +39,8 @@ class ShakerFit:
     mass: float  # m_a [kg]
     damping: float  # c_a [N s/m]
     stiffness: float  # stiffness k_a [N/m]
-    # standard deviations of the five values, from the residual of independent lines
+    # standard deviations of gain, delay, mass, damping and stiffness, from the residual of
+    # independent lines
     std: Float[np.ndarray, " 5"]
     leftover: float  # residual of the force's spectral lines, divided by their magnitude
     leftover_gain: float  # residual divided by magnitude for a fit of only a constant gain
@@ -97,8 +98,8 @@ def fit_attachment(
     keep = (freq > 0) & lines_within(freq, (low, high))
     if 2 * keep.sum() <= len(NAMES):
         raise DataError(
-            f"The band {low:g} to {high:g} Hz must hold {len(NAMES) // 2 + 1} lines or more for "
-            f"{len(NAMES)} unknowns, but it holds {keep.sum()}.",
+            f"The band {low:g} to {high:g} Hz must contain {len(NAMES) // 2 + 1} lines or more for "
+            f"{len(NAMES)} unknowns, but contains {keep.sum()}.",
             remedy="Widen the band, or give a longer record.",
         )
     jw = 2j * np.pi * freq[keep]
@@ -109,8 +110,15 @@ def fit_attachment(
     if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > DEGENERATE:
         raise DataError(
             f"The band {low:g} to {high:g} Hz must contain a second mode, but the voltage is a sum "
+<<<<<<< HEAD
             "of the drive point's motion, velocity and acceleration, which shows a single mode.",
             why="With a single mode, gain and attachment cannot be separated.",
+=======
+            "of "
+            "the drive point's motion and its derivatives, as for a single mode.",
+            why="With a single mode, the gain cannot be separated from the attached mass, damping "
+            "and stiffness.",
+>>>>>>> words_c
             remedy="Widen the band, or give a record that drives several modes.",
         )
     residual_of_gain = _solved(columns[:, :1], force_lines)[2]

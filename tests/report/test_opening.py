@@ -159,7 +159,7 @@ def test_a_joint_of_unknown_mass_has_its_stiffness_and_the_mass_that_is_taken(ga
     given.attrs["held"] = "{}" if gain is None else f'{{"gain": {gain}}}'
     found = opening(summary_of(rows), given)
     # The square of 1000 rad/s and of its ends, 1000 -+ 2.576.
-    stated = "joint is 1e+06 [9.949e+05, 1.005e+06] N/m. These tests do not determine the modal "
+    stated = "joint is 1e+06 [9.949e+05, 1.005e+06] N/m. The tests do not determine the modal "
     assert any(stated in sentence for sentence in found) == said
     assert any("parameters are those of 1 kg." in sentence for sentence in found) == said
 

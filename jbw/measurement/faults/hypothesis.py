@@ -80,7 +80,7 @@ class Hypothesis:
         yield from ()
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield columns that state how this fault changes the data near a fit of the joint."""
+        """Yield suspects: changes of the data that this fault causes near a fit of the joint."""
         yield from ()
 
 
@@ -134,7 +134,11 @@ def best_of(fits: Fits) -> ModeFit:
 
 
 def remainder(fits: Fits) -> LeftOver:
+<<<<<<< HEAD
     """Return the residual of the best fit of one mode to a record."""
+=======
+    """Return the residual of a record after the best fit of one mode."""
+>>>>>>> words_c
     best, signal = best_of(fits), fits.signal
     turned = best.residual
     if isinstance(fits, SweepFits):  # In the frame of the drive, a steady line rotates.
