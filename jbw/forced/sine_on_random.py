@@ -176,15 +176,9 @@ def _require_slow(motion: EquivalentMotion) -> None:
     laws = motion.joint.laws
     if motion.has_further_modes or motion.feels_rate or any(law.is_even for law in laws):  # pyright: ignore[reportAttributeAccessIssue]
         raise ModelError(
-<<<<<<< HEAD
-            "A sine on random vibration needs one mode, whose joint has no force of the speed or "
-            "of the square of the displacement.",
-            why="The joint's force is computed for slow motion along a path of both motions.",
-=======
             "A sine on random vibration needs a model of one mode whose joint has no force that "
             "depends on the speed or on the square of the displacement.",
             why="The joint's force is followed along a slow path of both motions.",
->>>>>>> words_c
             remedy=INSTEAD,
         )
 

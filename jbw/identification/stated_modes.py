@@ -139,13 +139,8 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
     for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
         if (names.omega if names else "omega_n") not in first_values:
             raise DataError(
-<<<<<<< HEAD
-                f"[structure] modes: a fitted test must drive the mode at {hz:g} Hz within 7 % of "
-                "this frequency, but no fitted test does.",
-=======
                 f"[structure] modes: a test must drive the mode at {hz:g} Hz within 7 %, but no "
                 "fitted test does.",
->>>>>>> words_c
                 remedy=f"Sweep through {hz:g} Hz, or leave {hz:g} Hz out of `modes`.",
             )
         for point, seen in modes.seen.items() if modes.meet != "assembled" else ():

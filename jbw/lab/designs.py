@@ -151,11 +151,7 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
     if sweeps is None:
         raise DataError(
             "Step 4 needs sweeps, which the campaign lacks.",
-<<<<<<< HEAD
-            remedy="Add sweeps to the campaign, or calibrate without a campaign.",
-=======
             remedy="Add a test of kind `sweep` to the campaign.",
->>>>>>> words_c
         )
     linear = _linear(campaign)
     means = _kernel_fit(campaign, linear).fit.theta

@@ -110,15 +110,8 @@ def fit_attachment(
     if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > DEGENERATE:
         raise DataError(
             f"The band {low:g} to {high:g} Hz must contain a second mode, but the voltage is a sum "
-<<<<<<< HEAD
             "of the drive point's motion, velocity and acceleration, which shows a single mode.",
             why="With a single mode, gain and attachment cannot be separated.",
-=======
-            "of "
-            "the drive point's motion and its derivatives, as for a single mode.",
-            why="With a single mode, the gain cannot be separated from the attached mass, damping "
-            "and stiffness.",
->>>>>>> words_c
             remedy="Widen the band, or give a record that drives several modes.",
         )
     residual_of_gain = _solved(columns[:, :1], force_lines)[2]

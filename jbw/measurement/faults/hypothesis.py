@@ -134,11 +134,7 @@ def best_of(fits: Fits) -> ModeFit:
 
 
 def remainder(fits: Fits) -> LeftOver:
-<<<<<<< HEAD
-    """Return the residual of the best fit of one mode to a record."""
-=======
     """Return the residual of a record after the best fit of one mode."""
->>>>>>> words_c
     best, signal = best_of(fits), fits.signal
     turned = best.residual
     if isinstance(fits, SweepFits):  # In the frame of the drive, a steady line rotates.

@@ -84,11 +84,7 @@ def sampling_frequency(
     every_quanta = [quanta * factor for quanta in _quanta(time)]
     if fs := _coarse_rate(seconds, every_quanta):
         raise DataError(
-<<<<<<< HEAD
-            f"The times in channel `{name}` have too few digits to distinguish samples that are "
-=======
             f"Time channel `{name}` has too few digits to distinguish samples that are "
->>>>>>> words_c
             f"{1 / fs:.3g} s apart.",
             why="In times with too few digits, a lost sample cannot be detected.",
             remedy=messages.coarse_times(fs),
