@@ -21,7 +21,7 @@ HINTS = (
     (r"phase|^phi$", "phase"),
     (r"(?:^|[\W_])base(?:$|[\W_])|(?:shak\w*|vib\w*)[\W_]*table|clamp|fixture", "base"),
     (r"vel|laser|vib|^v$|ldv|geschwindigkeit|mobility", "velocity"),
-    (r"acc|beschl|inertance", "acceleration"),
+    (r"acc|beschl|inertance|^a_(?!mp)", "acceleration"),
     (
         r"dis[pl]|receptance|compliance|lvdt|^[yx]$|pos|angle|rotation|twist|weg\b|auslenkung|stroke",
         "displacement",
