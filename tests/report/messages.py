@@ -415,6 +415,7 @@ OF_TOPICS = {
         stages.scoring("cubic", 1, by_fit=False), stages.points(1000, "products"),
         stages.drawing_figures("run/report.html"), stages.drawing_records("figures"),
         stages.later_round("joint posterior", 2), stages.effective(312.0, 400.0),
+        stages.evaluated("... Fitting, for 9 s so far", 1536),
         stages.finished_before("usable"), stages.joint_posterior(12), stages.kernel(8),
         stages.least_squares(12), stages.line_fit("noise"), stages.fitting_as("bouc_wen"),
     ],
