@@ -9,15 +9,15 @@ from pathlib import Path
 from jbw.errors import DataError, RunError
 from jbw.report.messages.reading import FEWER_SAMPLES
 
-# The numbers are peaks of whole processes, measured on sweeps of two channels. Up to the fit, with
-# 0.5 to 20 million samples, they are 250 to 330 bytes per sample of one test. Records are kept in
-# float64; every test keeps its mean with its polynomials and spectra, and one record at a time is
-# filtered and transformed. The fit needs 0.94 GB with its compiled programs, plus memory for 16
-# parallel parameter sets of every sample that a solver follows: 520 bytes for one mode with one
-# joint (0.1 and 0.4 million samples), 2,700 for five modes with two joints (4,096 and 65,536
-# samples).
-# largest size of one array that is read, which stops decompression bombs and errors
+# largest size of one array that jbw reads; this stops decompression bombs
 MAX_BYTES = 4 * 2**30
+# Memory in bytes, measured as the peaks of whole processes on sweeps of two channels. Until the fit
+# begins, a test needs 250 to 330 bytes per sample, with 0.5 to 20 million samples. Records are kept
+# in float64; every test keeps its mean with its polynomials and spectra, and one record at a time
+# is filtered and transformed. The fit needs 0.94 GB with its compiled programs, plus memory for 16
+# parallel parameter sets of every sample through which a solver steps: 520 bytes for one mode with
+# one joint (0.1 and 0.4 million samples), 2,700 for five modes with two joints (4,096 and 65,536
+# samples).
 PROCESS, VALUE, OF_TEST, OF_LONGEST, FOLLOWED = 0.95e9, 8, 100, 200, 330
 CONTAINER = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
@@ -45,7 +45,7 @@ def address_space() -> float:
     """Return the address space limit of this process [bytes]; infinite if unlimited."""
     try:
         import resource
-    except ImportError:  # Only Unix has this module and such a limit.
+    except ImportError:  # Only Unix has the module `resource` and a limit of the address space.
         return float("inf")
     soft, _ = resource.getrlimit(resource.RLIMIT_AS)
     return float("inf") if soft == resource.RLIM_INFINITY else float(soft)

@@ -68,6 +68,7 @@ def _identified(path: Path, unseen: Path) -> dict[str, Any]:
     """Return laws and prediction errors of a quick answer, by kind of test; or its error."""
     import jbw
     from jbw.errors import JbwError
+    from jbw.report.opening import contradictions
 
     jbw.enable_x64()
     with warnings.catch_warnings():
@@ -82,7 +83,9 @@ def _identified(path: Path, unseen: Path) -> dict[str, Any]:
                     errors[test.kind] = float(study.predict(test, NUM_DRAWS).attrs["nrmse"])
         except JbwError as error:
             return {"refused": f"{type(error).__name__}: {' '.join(str(error).split())}"}
-    return {"laws": laws, "errors": errors}
+    return {
+        "laws": laws, "errors": errors, "contradicted": contradictions(study.result, study.tree)
+    }  # fmt: skip
 
 
 def error_of(found: dict[str, Any]) -> float:

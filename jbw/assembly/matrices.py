@@ -208,7 +208,7 @@ def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse
         raise DataError(
             f"Matrix {name} must be symmetric, but {name}[{dofs[i]}, {dofs[j]}] is "
             f"{matrix[i, j]:.9g} and {name}[{dofs[j]}, {dofs[i]}] is {matrix[j, i]:.9g}.",
-            why="Modes of an unsymmetric matrix do not uncouple the structure.",
+            why="The modes of an unsymmetric matrix do not decouple the equations of motion.",
             remedy=f"If only a triangle was exported, mirror it as {name} + {name}.T - "
             f"diag({name})."
             if triangle
@@ -240,7 +240,7 @@ def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:
         raise DataError(
             f"Matrix M must be positive definite, but is indefinite at node {dof.node}, direction "
             f"{dof.direction}.",
-            why="A motion would have negative kinetic energy.",
+            why="With an indefinite mass matrix, some motion has negative kinetic energy.",
             remedy="Check whether M and K were exchanged, and check the mass elements at node "
             f"{dof.node}.",
         )

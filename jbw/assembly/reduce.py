@@ -276,7 +276,7 @@ def _damping(
             raise ConfigError(
                 "The model has no damping matrix, so damping ratios must be stated.",
                 remedy="Give one ratio such as zeta=0.004 (in a campaign file `damping = "
-                "0.004` under [structure]), or one per kept mode.",
+                "0.004` under [structure]), or one ratio per kept mode.",
             )
         names = [joint.name for joint in joints]
         return modal_damping(model.damping, model.mass, stiffness, across, modes, names)
@@ -326,7 +326,7 @@ def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
         twice = next(name for name in names if names.count(name) > 1)
         raise ConfigError(
             f"Every joint must have a unique name, but `{twice}` occurs twice.",
-            remedy="Rename one of these joints.",
+            remedy=f"Rename one of the joints `{twice}`.",
         )
     if not 0 < to_hz < float("inf"):
         raise ConfigError(
@@ -349,7 +349,8 @@ def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
                     f"Joints `{joints[i].name}` and `{joints[j].name}` must act at different "
                     "points, but their weights are the same up to a factor.",
                     why="No test can separate two joints with the same relative motion.",
-                    remedy="Combine these joints into one joint with two laws.",
+                    remedy=f"Combine `{joints[i].name}` and `{joints[j].name}` into one joint "
+                    "with two laws.",
                 )
 
 
@@ -396,7 +397,8 @@ def _require_shares(joints: Sequence[Joint], across: np.ndarray, modes: StuckMod
         raise ModelError(
             "Joints can store at most all of a mode's strain energy, but their shares of mode "
             f"{i + 1} add up to {ratio}.",
-            why="K does not contain the stiffness of the joints, but `holds_joints` states it.",
+            why="`holds_joints = true` states that K contains the stiffness of the joints, but K "
+            "does not.",
             remedy="Set `holds_joints = false`, or correct the joints' stiffness.",
         )
 

@@ -95,7 +95,7 @@ class AssembledStructure(FileTable):
         "beams.mat",
     )
     units: Annotated[str, values.OneOf(lambda: SYSTEMS)] = key(
-        ..., "consistent system of units of the matrices, which no file states", "N-mm-t-s"
+        ..., "consistent system of units of the matrices; the files do not state it", "N-mm-t-s"
     )
     holds_joints: StrictBool = key(
         False, "the stiffness matrix already contains the fully stuck joints", True

@@ -109,7 +109,7 @@ def text_of(path: Path, what: str, remedy: str) -> str:
         return path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise ConfigError(
-            f"{path.name} is not UTF-8: byte {error.start}.",
+            f"File {path.name} is not UTF-8 text: byte {error.start} is invalid.",
             remedy="Save the campaign file as UTF-8.",
         ) from None
 
@@ -394,7 +394,7 @@ def require_file(path: Path, what: str, remedy: str) -> None:
     except PermissionError:
         raise ConfigError(
             f"{what} `{path}` must be readable, but permission is denied.",
-            remedy="Ask its owner for permission to read the file and its folder.",
+            remedy="Ask the owner of the file for permission to read the file and the folder.",
         ) from None
     if is_folder:
         inside = sorted(path.glob("*.toml"))

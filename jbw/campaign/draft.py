@@ -208,7 +208,10 @@ def _tests(
         blocks += file_blocks
     if sum(map(bool, torques)) > 1:
         of_torques = [_pattern(repeats) for repeats in groups if _torque_of(repeats[0])]
-        patterns = [files if isinstance(files, str) else " ".join(files) for files in of_torques]
+        patterns = [
+            " ".join(str(folder / file) for file in ([files] if isinstance(files, str) else files))
+            for files in of_torques
+        ]
         assumed.append(("", messages.torques(patterns)))
     return _named(_bands_together(blocks, folder, assumed), names)
 
@@ -359,7 +362,7 @@ def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
 def already_written(path: Path) -> ConfigError:
     """Return the error for a campaign file that already exists."""
     return ConfigError(
-        f"`{path}` exists already; it is not overwritten.",
+        f"`{path}` exists already, and is not overwritten.",
         remedy="See the draft with: jbw init --print FOLDER",
     )
 
@@ -513,7 +516,7 @@ def _levels(
     if not source or len(files) > MOST_LEVELLED:
         return []
     peaks: dict[Path, float] = {}
-    # standard deviation of the source in each file; it is no level if the source is constant
+    # standard deviation of the source in each file; not usable as a level if the source is constant
     spread: dict[Path, float] = {}
     with suppress(JbwError, ValueError, IndexError):
         for path in files:

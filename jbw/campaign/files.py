@@ -21,7 +21,7 @@ from jbw.memory import Admit, admit_alone
 from jbw.quantities import natural
 
 DATA_FOLDER = "$JBW_DATA"
-Part = tuple[Path, Wanted]  # a file, and what must be read from it
+Part = tuple[Path, Wanted]  # a file and the items to read from it
 
 
 def repeats_of(
@@ -113,7 +113,8 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
         listed = ", ".join(f"{column[0][0].name}: {len(column)}" for column in columns)
         raise DataError(
             f"Test {test.name!r} must have equally many files for each role, but has {listed}.",
-            remedy="Name equally many files for each role: files are paired in natural order.",
+            remedy="Add the missing files, or remove files without a counterpart: the files of all "
+            "roles are paired in natural order.",
         )
     return [list(parts) for parts in zip(*columns, strict=True)]
 
@@ -128,8 +129,8 @@ def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = Fal
     for written in patterns:
         if re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", written):
             raise ConfigError(
-                f"`files` = {written!r} is a URL, and jbw never fetches anything.",
-                remedy="Download the file first and name it here.",
+                f"`files` = {written!r} is a URL, but must name files on this computer.",
+                remedy="Download the file first and put its path into `files`.",
             )
         pattern = _with_data_folder(written)
         # The pattern is checked before any access, because nothing outside the folder may be

@@ -26,7 +26,7 @@ def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -
     them. Its name is that of the first record, without its number if there are several.
 
     Args:
-        given: Campaign files, folders or records.
+        given: Campaign files, folders, records, or patterns of their names.
         tell: Function that is called with a sentence for every written file and every guess.
         mass: Modal mass for the drafted campaign [kg].
 
@@ -36,6 +36,7 @@ def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -
             records; or a mass is given for an existing campaign file.
         DataError: No record can be read.
     """
+    given = [each for path in given for each in _matching(path)]
     named = [path for path in given if not (is_campaign(path) or path.is_dir())]
     for path in named:
         require_file(path, "Record", messages.NAME_RECORD)
@@ -47,6 +48,12 @@ def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -
         elif path is named[0]:
             campaigns.append(_of_records(named, tell, mass))
     return campaigns
+
+
+def _matching(path: Path) -> list[Path]:
+    """Return the paths that match a pattern such as `hit_*.csv`; other paths unchanged."""
+    is_pattern = not path.exists() and any(mark in path.name for mark in "*?")
+    return (sorted(path.parent.glob(path.name)) if is_pattern else []) or [path]
 
 
 def _there(campaign: Path, mass: float | None) -> Path:

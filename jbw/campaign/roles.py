@@ -21,7 +21,7 @@ HINTS = (
     (r"phase|^phi$", "phase"),
     (r"(?:^|[\W_])base(?:$|[\W_])|(?:shak\w*|vib\w*)[\W_]*table|clamp|fixture", "base"),
     (r"vel|laser|vib|^v$|ldv|geschwindigkeit|mobility", "velocity"),
-    (r"acc|beschl|inertance", "acceleration"),
+    (r"acc|beschl|inertance|^a_(?!mp)", "acceleration"),
     (
         r"dis[pl]|receptance|compliance|lvdt|^[yx]$|pos|angle|rotation|twist|weg\b|auslenkung|stroke",
         "displacement",
@@ -82,14 +82,16 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         else:
             rest.append((path, leaf))
     by_unit: set[str] = set()
+    units = {path: leaf.unit or _ending(path) for path, leaf in rest}
     for path, leaf in rest:
-        role = _by_unit(leaf)
-        others = [other_leaf for _, other_leaf in rest if _by_unit(other_leaf) == role]
+        role = _by_unit(units[path])
+        others = [other for other in units.values() if _by_unit(other) == role]
         # If there are several voltages, none of them can be identified as the source.
         is_new = role not in named or named[role][0].path in by_unit
         if role and is_new and not (role == "input" and len(others) > 1):
             # A voltage may come from any sensor, whereas other units show the measured quantity.
-            named.setdefault(role, []).append(Channel(path, leaf.unit, "", role == "input"))
+            is_guess = role == "input" or not leaf.unit
+            named.setdefault(role, []).append(Channel(path, units[path], "", is_guess))
             by_unit.add(path)
     roles = {
         role: (_clock_of if role == "time" else _meant)(many, series)
@@ -183,10 +185,19 @@ def _behind(text: str, role: str) -> str:
     return ""
 
 
-def _by_unit(leaf: Leaf) -> str:
-    """Return the quantity that a channel's unit indicates; empty if it indicates none."""
+def _ending(path: str) -> str:
+    """Return the unit at the end of any channel's name, such as `resp_g`; empty if there is none.
+
+    A single m or s is not counted as a unit, because it also ends other names.
+    """
+    _, mark, unit = re.split(r"[./]", path)[-1].rpartition("_")
+    return unit if mark and unit not in ("m", "s") and _by_unit(unit) else ""
+
+
+def _by_unit(unit: str) -> str:
+    """Return the quantity that a unit indicates; empty if it indicates none."""
     with suppress(ConfigError):
-        return BY_QUANTITY.get(quantity_of(leaf.unit), "") if leaf.unit else ""
+        return BY_QUANTITY.get(quantity_of(unit), "") if unit else ""
     return ""
 
 

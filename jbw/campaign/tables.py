@@ -43,7 +43,8 @@ class Head(FileTable):
     gain: values.Positive | None = key(None, "force per modal mass for one volt [N/kg/V]", 15.0)
     modal_mass: values.Positive | None = key(
         None,
-        "modal mass [kg], for a measured force; in addition to gain if tests have both sources",
+        "modal mass [kg], needed if the force is measured; state gain too if the source of other "
+        "tests is a voltage or the base",
         1.93,
     )
     fs_std: values.Spread | None = key(
@@ -290,8 +291,8 @@ def _needs(test: TestSpec) -> Iterator[str]:
     if "drive_point" in roles and not set(INPUTS) <= roles:
         lacking = " and ".join(f"`{role}`" for role in INPUTS if role not in roles)
         yield (
-            f"channels: the shaker is identified at `drive_point` only with {lacking}, which "
-            "is missing."
+            f"channels: add {lacking}, which the identification of the shaker at `drive_point` "
+            "needs."
         )
     forced = "displacement" in roles and roles & {"restoring_force", "force"}
     if traits.is_prescribed and not forced:
@@ -446,5 +447,5 @@ def gain_of(gain: Gain, drive: str) -> float | None:
 
 
 def differ(drives: Collection[str]) -> bool:
-    """Return whether force drives some tests, and a source without a modal mass others."""
+    """Return whether a force drives some tests and a source without a modal mass other tests."""
     return "force" in drives and not WEIGHTLESS.isdisjoint(drives)

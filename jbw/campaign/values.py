@@ -235,7 +235,8 @@ def _path(role: str, item: Any) -> str:
 def _unit(role: str, item: Any) -> str:
     if not isinstance(item, str):
         raise ValueError(f"role `{role}` needs a unit, but has {item!r}.")
-    # This also applies to a measured FRF, whose response is per unit of excitation.
+    # The check accepts the ratio of two units, because a measured FRF is a response per unit of
+    # excitation.
     si_of(role, item)
     return item
 

@@ -88,7 +88,7 @@ def _runs_of(folder: Path, say: Any) -> list[Path]:
     if not finished:
         raise DataError(
             f"The folder {folder} contains no finished run.",
-            remedy="Give folders of runs, or finish the runs: jbw resume DIR.",
+            remedy="Name folders of finished runs, or finish the runs: jbw resume DIR.",
         )
     return finished
 

@@ -306,7 +306,7 @@ def run_to_end(
         raise
     finally:
         run.close()
-    # Update a brief that belongs to an earlier first answer.
+    # Update a brief that was saved with an earlier first answer (`--quick`) of the same run.
     brief = brief or (run.folder / "brief.pdf").exists()
     pages = f"\nBrief: {save_brief(run.folder)}" if brief else ""
     shown = _all_of(summary) if verbose else short_lines(summary, tree)

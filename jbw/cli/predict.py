@@ -55,7 +55,7 @@ class FromTo(click.ParamType):
     "--response", type=FromTo(), help="Response curves under sine excitation, from:to [Hz]."
 )
 @click.option("--psd", type=click.Path(path_type=Path), help="Random profile: a CSV file.")
-@click.option("--sine", type=SineAt(), help="A sine beside the random profile, such as 30:2g.")
+@click.option("--sine", type=SineAt(), help="A sine added to the random profile, such as 30:2g.")
 @click.option("--shock", help="A shock, such as 20g,11ms or 20g,11ms,sawtooth.")
 @click.option("--notch", type=Quantities(), help="Largest response of the curves, such as 5g.")
 @click.option("--base", is_flag=True, help="Levels are accelerations of the base, such as 2g.")
@@ -201,7 +201,7 @@ def basis_in(folder: Path) -> "Basis":
 
 
 def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) -> str:
-    """Return the message on which units a prediction from a population concerns, and their gain."""
+    """Return the message that names the units of a prediction from a population, and their gain."""
     of_units = all(request.gain is None for _, request in requests)
     return further_units(torque, of_units=of_units)
 

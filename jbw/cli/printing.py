@@ -42,7 +42,7 @@ def show(*shown: Table | Text | str) -> None:
 
 
 def answer(json_: bool, record: Any, *shown: Table | Text | str, saved: str = "") -> None:
-    """Print a record as JSON; otherwise its tables and sentences, and where it was saved."""
+    """Print a record as JSON if requested, otherwise as tables and sentences, and name its file."""
     if json_:
         show_json(record)
         return

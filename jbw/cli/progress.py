@@ -36,6 +36,7 @@ PLAIN_S = 10.0  # time between two lines on the chains if stderr is no terminal 
 # The current stage is printed if nothing was printed for this time [s] plus one BEAT_S.
 SILENT_S = 4.0
 BEAT_S = 0.5  # time between two checks whether something was printed [s]
+POINTS = "jbw.progress.points"  # logger of the number of model evaluations
 STARTING = "Loading numerical libraries"
 STEPS = {
     "joint_": "joint posterior", "decay_": "posterior of free decays", "third_order_": "Step 3",
@@ -61,16 +62,20 @@ class Teller:
         self._started = perf_counter()
         self._told = self._started
         self._said: set[str] = set()
-        self._stage, self._since, self._within = "", self._started, ""
+        self._stage, self._since, self._within, self._count = "", self._started, "", 0
 
     def __call__(self, stage: str) -> None:
         """Print the name of the stage that begins now, after the seconds since the start."""
-        self._stage, self._since, self._within = stage, perf_counter(), ""
+        self._stage, self._since, self._within, self._count = stage, perf_counter(), "", 0
         self.remark(stage)
 
     def within(self, what: str) -> None:
         """Store the current activity within the stage; it is printed if it takes long."""
         self._within = what
+
+    def count(self, number: int) -> None:
+        """Count evaluations of the model within the stage."""
+        self._count += number
 
     def remark(self, sentence: str) -> None:
         """Print a sentence that does not begin a stage."""
@@ -89,7 +94,8 @@ class Teller:
             if not self._stage or now - self._told <= SILENT_S:
                 return
             what = f"{self._stage}: {self._within}" if self._within else self._stage
-            line = self._line(f"... {what}, for {duration(round(now - self._since))} so far")
+            lasts = f"... {what}, for {duration(round(now - self._since))} so far"
+            line = self._line(stages.evaluated(lasts, self._count) if self._count else lasts)
             if self._rewrites:
                 self._show(Group(*filter(None, (self._chains, line))))
             else:
@@ -148,8 +154,11 @@ class _Within(logging.Handler):
         self._say = say
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Store a log message as the current activity."""
-        self._say.within(record.getMessage())
+        """Store a log message as the current activity, or count evaluations of the model."""
+        if record.name == POINTS:
+            self._say.count(int(record.getMessage()))
+        else:
+            self._say.within(record.getMessage())
 
 
 @contextmanager
@@ -192,7 +201,7 @@ def telling(first: str = "") -> Iterator[Teller]:
 
 @contextmanager
 def computing() -> Iterator[Teller]:
-    """Set up JAX and yield a printer of progress; import modules that need JAX inside."""
+    """Set up JAX and yield a progress printer; import what needs JAX inside the `with` block."""
     with telling(STARTING) as say:
         if (limit := address_space()) < RESERVED:
             say.remark(stages.little_address_space(limit / 2**30, RESERVED / 2**30))

@@ -118,7 +118,7 @@ def comparison_lines(record: "StoredSamplers") -> tuple[Table | str, ...]:
 
 
 def _number(heading: str, key: str, digits: int = 3) -> Column:
-    """Return a number column for a table, with some digits; large numbers become integers."""
+    """Return a table column of numbers with `digits` digits; large numbers become integers."""
 
     def shown(row: Any) -> str:
         value = field(row, key)

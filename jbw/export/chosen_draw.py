@@ -41,7 +41,7 @@ def density_of(tree: xr.DataTree) -> NDArray[np.float64]:
     stats = tree.children.get("sample_stats")
     if stats is None or "lp" not in stats.data_vars:
         raise DataError(
-            "The result has no density of its draws, `lp` in /sample_stats.",
+            "The result lacks the log density of its draws: the group /sample_stats has no `lp`.",
             why="Without the density, the most probable draw cannot be determined.",
             remedy="Choose a draw by its number: --draw N.",
         )

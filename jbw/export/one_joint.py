@@ -231,7 +231,7 @@ def require_all(draws: Draws, laws: Laws) -> None:
     if missing:
         raise DataError(
             f"The main posterior must contain {', '.join(needed)}, but lacks {', '.join(missing)}.",
-            why="Without these parameters there is no oscillator to export.",
+            why=f"Without {', '.join(missing)} there is no oscillator to export.",
             remedy="Identify from tests that move the mass, such as noise, sweeps or tones.",
         )
 

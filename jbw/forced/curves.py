@@ -241,7 +241,7 @@ def _require_peak(found: NDArray[np.bool_], level: Values) -> None:
     if not np.all(found):
         raise ModelError(
             f"The response at a force amplitude of {level[~found][0]:.3g} N/kg must have a peak, "
-            f"but {np.sum(~found)} of {found.size} draws and levels have none.",
+            f"but has no peak at {np.sum(~found)} of {found.size} pairs of draw and level.",
             why="The damping is above 50 %, the joint loses its stiffness at this level, or "
             "another mode is too near.",
             remedy="Use a lower level, or simulate the motion by `jbw.simulate`.",

@@ -105,7 +105,7 @@ class EquivalentMotion:
 
     @property
     def is_by_backbone(self) -> bool:
-        """Whether free vibration is described by K over the amplitude alone."""
+        """Whether the stiffness K as a function of amplitude alone describes free vibration."""
         return self.has_further_modes
 
     @property

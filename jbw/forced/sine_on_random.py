@@ -114,7 +114,7 @@ def sine_on_random(
     raise ModelError(
         "The amplitude of the sine during the random motion must become steady, but still changes "
         f"by {float(np.max(np.abs(s / before - 1.0))):.2g} after {MOST_ROUNDS} iterations.",
-        why="The response curve of the sine may fold at this level.",
+        why="The response curve of the sine may fold at the given level.",
         remedy=INSTEAD,
     )
 
@@ -178,9 +178,9 @@ def _require_slow(motion: EquivalentMotion) -> None:
     laws = motion.joint.laws
     if motion.has_further_modes or motion.feels_rate or any(law.is_even for law in laws):  # pyright: ignore[reportAttributeAccessIssue]
         raise ModelError(
-            "A sine on random vibration needs one mode, whose joint has no force of the speed or "
-            "of the square of the displacement.",
-            why="The joint's force is computed for slow motion along a path of both motions.",
+            "A sine on random vibration needs a model of one mode whose joint has no force that "
+            "depends on the speed or on the square of the displacement.",
+            why="The joint's force is followed along a slow path of both motions.",
             remedy=INSTEAD,
         )
 

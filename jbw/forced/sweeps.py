@@ -9,7 +9,9 @@ from jbw.forced.roots import bracketed_root
 
 # iterations of the search between two points of a curve; the error is then 1e-7 of the amplitude
 ROUNDS = 8
-LEAST_RISE = 0.1  # smallest slope of the force by the amplitude in a correction, as near a fold
+# lower limit of the relative slope of force over amplitude in a correction; near a fold the slope
+# approaches zero
+LEAST_RISE = 0.1
 Complexes = NDArray[np.complex128]
 
 

@@ -86,15 +86,15 @@ def rows_of(tables: Sequence[RecordTable]) -> ReadingRows:
     count = sum(len(_picked(table)) for table in tables)
     if count < FEWEST:
         raise DataError(
-            f"A free-form law needs frequency and damping at {FEWEST} amplitudes or more, "
-            f"but there are {count}.",
+            f"A free-form law needs frequency and damping at {FEWEST} amplitudes or more, but has "
+            f"only {count} amplitudes.",
             remedy="Add records of other levels, or a free decay.",
         )
     if not all(_is_whole(table) for table in tables):
         raise DataError(
-            "A free-form law needs positive amplitudes and frequencies and finite damping ratios, "
-            "but one of these values is not positive or not finite.",
-            remedy="Leave out the record for which `jbw look` shows no number.",
+            "A free-form law needs positive amplitudes, positive frequencies and finite damping "
+            "ratios, but at least one record has an invalid value.",
+            remedy="Leave out the record for which `jbw look` shows no frequency or damping.",
         )
     rows, found = _rows(tables), np.nan
     for _ in range(ROUNDS if len(tables) > 1 else 0):
@@ -145,7 +145,7 @@ def _rows(tables: Sequence[RecordTable]) -> ReadingRows:
 
 
 def _left_by_any_law(rows: ReadingRows) -> tuple[Reals, float]:
-    """Return the residual that even the best-fitting sliders leave, with degrees of freedom.
+    """Return the residual of the best-fitting sliders, with its degrees of freedom.
 
     Frequency and damping are fitted separately, each with its own strengths and a cubic spring, so
     that no law of the amplitude alone fits much better.

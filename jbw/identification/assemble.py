@@ -205,11 +205,12 @@ def _require_labels(parts: Sequence[Observable]) -> None:
     twice = [label for part in parts for label in part.groups.labels if labels.count(label) > 1]
     if twice and attached(parts):
         raise DataError(
-            f"Groups of data must have different names, but {len(twice)} are `{twice[0]}`.",
+            f"Groups of data must have different names, but {len(twice)} groups have the name "
+            f"`{twice[0]}`.",
             why="Tones of one level form one group, but the tones of this group have different "
             "drives.",
-            remedy="Correct `level` of these tones: state it in the unit of the source of each "
-            "tone.",
+            remedy=f"Correct `level` of the tones of `{twice[0]}`: state the level of each tone in "
+            "the unit of its source.",
         )
 
 

@@ -31,7 +31,7 @@ BY_CHANCE = 2.0
 
 
 Try = Callable[[Suspect | Cause], Cause]
-"""Function from a suspected error to a cause, with the share of the misfit that it explains."""
+"""Function that returns a suspected error as a cause, with the share of the misfit it explains."""
 
 
 def causes(best: Fit, data: Dataset) -> list[Cause]:

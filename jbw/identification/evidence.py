@@ -81,7 +81,7 @@ class Candidate:
 
     laws: Laws
     fitted: Fitted
-    meet: str = ""  # way in which modes share joints, a key of MEET; empty for the campaign's way
+    meet: str = ""  # key of MEET: how modes share joints; empty if the campaign's statement applies
 
     @property
     def name(self) -> str:
@@ -230,7 +230,7 @@ def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
 
 
 def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
-    """Return the dataset with other laws; `meet` says how several modes share the joints."""
+    """Return the dataset with other laws; `meet` states how several modes share the joints."""
     modes, held = data.modes, data.held
     if modes is not None and meet:
         modes = modes._replace(meet=meet)

@@ -264,7 +264,7 @@ class WhiteRows(NamedTuple):
 
 
 def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
-    """Return a curve's stiffness and loss; their errors are 2e-4, and 3 % of the largest loss."""
+    """Return a curve's stiffness (relative error 2e-4) and loss (error 3 % of the largest loss)."""
     square = curve.omega**2
     unit = float(np.mean(square))
     stiffness, loss = square / unit, 2 * curve.zeta * square / unit

@@ -584,7 +584,7 @@ def _decays(data: Dataset) -> set[str]:
 
 
 def _drift(run: str, fit: Fit, data: Dataset) -> LeftOutDecay | None:
-    """Return how a free decay of one mode drifts from its prediction; None for other runs."""
+    """Return the drift of a free decay of one mode from its prediction; None for other runs."""
     part: Any = next(part for part in data.parts if run in part.groups.runs)
     if not part.own_shifts or part.several:
         return None

@@ -35,8 +35,8 @@ from jbw.quantities import RESIDUAL_TERMS, STUCK
 # zero.
 FAR = 5.0
 NUM_DRAWS = 256
-# A larger model fits better than a simpler one if chance alone improves the fit as much with a
-# probability below this.
+# A larger model is preferred if chance alone would improve the fit as much with a probability below
+# this.
 BY_CHANCE = 0.01
 # Drag is fitted too if the ratio of relative frequency change to added damping is below this. The
 # ratio is 1 for gamma = delta, and 3 pi / 4 for Masing's loops of a quadratic backbone.

@@ -109,7 +109,7 @@ def _source(test: Test) -> np.ndarray:
 def _reading(
     key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: Modes
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Fit one law to a sweep through a mode; return its two products, their errors and its slip.
+    """Fit a law to a sweep through a mode; return two products, their errors and the law's slip.
 
     The products are s = alpha delta |c| and o = alpha gamma |c|.
     """

@@ -162,7 +162,7 @@ def _opening(
     if seen.sweeps is None:
         raise DataError(
             "Step `opening` needs sweeps, which the campaign lacks.",
-            remedy='Compare on step "third_order" or "joint".',
+            remedy='Add sweeps, or compare laws on step "third_order" or "joint".',
         )
     keys, means = jax.random.split(key, 3), run_knowledge.means
     if not means:

@@ -55,7 +55,7 @@ def modes_of(
             "[structure] needs tests of one drive, but the tests are driven by "
             f"{' and '.join(drives)}.",
             why="A shaker that moves with the structure changes every mode.",
-            remedy="Leave the tests of one drive out of the campaign file.",
+            remedy="Write a separate campaign file for the tests of each drive.",
         )
     highest = max(modes.hz)
     for test in tests:
@@ -130,7 +130,7 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
                 f"[identify.prior] `{name}` must end below `{other}`, which begins at {low:.5g} "
                 f"rad/s, but ends at {high:.5g}.",
                 why="The modes would change places.",
-                remedy="Narrow these bounds, or leave these bounds out.",
+                remedy=f"Narrow or remove the bounds of `{name}` or `{other}` in [identify.prior].",
             )
 
 
@@ -140,8 +140,8 @@ def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
     for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
         if (names.omega if names else "omega_n") not in first_values:
             raise DataError(
-                f"[structure] modes: a fitted test must drive the mode at {hz:g} Hz within 7 % of "
-                "this frequency, but no fitted test does.",
+                f"[structure] modes: a test must drive the mode at {hz:g} Hz within 7 %, but no "
+                "fitted test does.",
                 remedy=f"Sweep through {hz:g} Hz, or leave {hz:g} Hz out of `modes`.",
             )
         for point, seen in modes.seen.items() if modes.meet != "assembled" else ():

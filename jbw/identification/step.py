@@ -48,8 +48,8 @@ class Step:
     name: str  # name in the results, such as "third_order_nuts"
     posterior: xr.DataTree  # the groups of the sampler's result
     verdict: Verdict  # result of the checks: whether the posterior can be trusted
-    fit: Fit  # the least-squares fit from which it started
-    box: Box  # its prior bounds
+    fit: Fit  # the least-squares fit from which the sampler started
+    box: Box  # prior bounds of the parameters
     statements: tuple[str, ...]  # sentences on what the posterior determines
     held: dict[str, float]  # parameters that were fixed
     wall_s: float  # time taken, including compilation

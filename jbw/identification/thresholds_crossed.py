@@ -49,7 +49,7 @@ def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
 def reached(
     theta: Mapping[str, Any], fitted: Mapping[str, float], data: Dataset
 ) -> Bool[np.ndarray, "threshold point"]:
-    """Return, for each parameter point, which laws' thresholds the largest motion exceeds."""
+    """Return a mask of the laws' thresholds that the largest motion exceeds, by parameter point."""
     y_peak, parameters = fitted_displacement(fitted, data), {**data.held, **theta}
     laws = [law.build(parameters) for law in laws_named(data.laws)]
     y = [np.atleast_1d(threshold.y) for law in laws for threshold in law.thresholds()]

@@ -35,7 +35,7 @@ def forget_when_large(most: float) -> bool:
     if int(PAGES.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") <= most:
         return False
     _forget()
-    with suppress(AttributeError, OSError):  # other C libraries have no such function
+    with suppress(AttributeError, OSError):  # only the GNU C library has malloc_trim
         ctypes.CDLL(None).malloc_trim(0)  # returns free memory to the system
     return True
 

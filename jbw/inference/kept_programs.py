@@ -122,7 +122,7 @@ def _form(array: Any) -> tuple[Any, ...]:
 
 
 def _text(value: Any) -> str:
-    """Return a text that is equal for equal values, in any process, and for no others."""
+    """Return a text that two values share, in any process, if and only if they are equal."""
     if eqx.is_array(value):
         return repr(_form(value))
     if value is None or isinstance(value, bool | int | float | complex | str | bytes):

@@ -1,5 +1,6 @@
 """Evaluation of functions at many parameter points, in batches on all processor cores."""
 
+import logging
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
@@ -15,6 +16,7 @@ from jaxtyping import Array, Float, PyTree
 
 from jbw.inference.kept_programs import KeptProgram
 
+evaluated = logging.getLogger("jbw.progress.points")
 LANES = 32  # number of parameter points in one compiled batch
 # number of points in a batch of a fit: enough for two-sided differences of seven parameters
 FIT_LANES = 16
@@ -99,6 +101,7 @@ def at_points(
 
     with ThreadPoolExecutor(cores) as threads:  # The first batch compiles the program.
         lot_values = list(threads.map(values_of, lots))
+    evaluated.info("%d", count)
     return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *lot_values)
 
 

@@ -224,8 +224,8 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
 
 def suited(step: models.CalibratedStep, name: str) -> tuple[Model, Sampler, Any]:
     """Return model, sampler and options, with numbers of draws that suit a calibration."""
-    # A least-squares fit finds the posterior first if the model steps through time or the sampler
-    # needs such a fit. All other samplers start from the whole prior, as in a campaign.
+    # A least-squares fit comes first if the model steps through time or the sampler needs a fit.
+    # All other samplers start from the whole prior, as they do in a campaign.
     sampler, model = sampler_named(name), step.model
     size = len(model.box.names)
     if sampler.needs_fit and model.search is None:

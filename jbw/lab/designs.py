@@ -137,20 +137,21 @@ def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
     counts = np.unique(np.asarray(fitted.data.num_repeats)).astype(int)
     if len(counts) > 1:
         raise DataError(
-            f"Step 3 is calibrated with one number of repeats, but the tones have {counts}.",
-            remedy="Exclude repeats until all tones have the same number.",
+            "Step 3 can be calibrated only if all tones have the same number of repeats, but the "
+            f"tones have {counts}.",
+            remedy="Exclude repeats until all tones have the same number of repeats.",
         )
     return Design(fitted.data, fitted.box)
 
 
 def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
-    """Return what Step 4 (gamma) of a campaign uses: sweeps, prior, results of Steps 2 and 3."""
+    """Return the inputs of Step 4 (gamma): sweeps, prior and the results of Steps 2 and 3."""
     report(stages.design(4))
     sweeps = sweep_tests(campaign.tests, campaign.settings)
     if sweeps is None:
         raise DataError(
             "Step 4 needs sweeps, which the campaign lacks.",
-            remedy="Add sweeps to the campaign, or calibrate without a campaign.",
+            remedy="Add a test of kind `sweep` to the campaign.",
         )
     linear = _linear(campaign)
     means = _kernel_fit(campaign, linear).fit.theta

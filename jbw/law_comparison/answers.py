@@ -80,7 +80,7 @@ def _best(rows: Rows, scores: Mapping[str, np.ndarray], *, by_runs: bool) -> str
 
 
 def _may_be_off(row: StoredLaw) -> float:
-    """Return by how much a score may be wrong [nats] because of poor importance weights."""
+    """Return the possible error of a score [nats] that poor importance weights cause."""
     return OFF * (row.elpd_doubt or 0.0) if _is_rough(row, by_runs=True) else 0.0
 
 

@@ -10,8 +10,8 @@ from jbw.errors import ConfigError, DataError
 
 Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
-# This tolerance is relative, so that a spectral line on the edge of a band counts as inside, and an
-# almost whole number of samples as whole, in every unit of time.
+# This tolerance is relative, so that it has the same effect in every unit of time. A spectral line
+# on the edge of a band counts as inside, and an almost whole number of samples counts as whole.
 ROUNDING = 1e-9
 # order of the differences; these retain 0.8 % of a sine with eight samples per period
 DIFFERENCES = 6
@@ -28,7 +28,7 @@ def channel(x: ArrayLike, name: str) -> Reals:
             raise TypeError
         samples = samples.astype(np.float64)
     except (TypeError, ValueError):
-        raise DataError(f"Channel `{name}` must hold real numbers.") from None
+        raise DataError(f"Channel `{name}` must contain real numbers.") from None
     if samples.ndim not in (1, 2) or samples.size == 0:
         raise DataError(
             f"Channel `{name}` must have the shape (time,) or (repeat, time), "

@@ -58,9 +58,9 @@ def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
     half_band = (band_hz[1] - band_hz[0]) / 2
     if half_band < fs / MOST_TAPS:
         raise DataError(
-            f"A band of {2 * half_band:g} Hz at a sampling frequency of {fs:g} Hz takes a record "
+            f"A band of {2 * half_band:g} Hz at a sampling frequency of {fs:g} Hz needs a filter "
             f"of more than {MOST_TAPS} samples.",
-            remedy="Correct `fs` or `band`.",
+            remedy="Widen `band`, or correct `fs`.",
         )
     stride = max(1, whole_down(fs / (LEAST_PER_PERIOD * band_hz[1])))
     length, _ = kaiserord(ATTENUATION, half_band / (fs / 2))

@@ -170,7 +170,7 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
         raise DataError(
             "The tones cannot be distinguished in a record of this length.",
             why="Two of the fitted frequencies nearly coincide.",
-            remedy="Lengthen the record, or leave a frequency of `also` out.",
+            remedy="Lengthen the record, or remove one of the frequencies in `also`.",
         )
     factor = cho_factor(normal)
     solution = cho_solve(factor, design @ y.reshape(-1, num_samples).T).T

@@ -51,7 +51,7 @@ class Kind(NamedTuple):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the kind sets no property; then only its observable defines its treatment."""
+        """Whether the kind sets no property, so that only its observable defines its treatment."""
         return True not in self
 
 
@@ -81,6 +81,6 @@ register(Kind("decay", "a free decay", is_free=True))
 register(Kind("frf", "a measured response curve", is_curve=True))
 register(Kind("backbone", "points at a controlled phase", is_curve=True, is_controlled=True,
               is_locked=True))  # fmt: skip
-register(Kind("curve", "points at controlled responses, beyond folds", is_curve=True,
+register(Kind("curve", "points at controlled responses, also beyond folds", is_curve=True,
               is_controlled=True))  # fmt: skip
 register(Kind("loop", "force along a prescribed displacement", is_prescribed=True))

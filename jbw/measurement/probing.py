@@ -153,7 +153,7 @@ def _require_tone(source: Harmonics, omega: float) -> None:
     """Raise a DataError if the input has no tone at the stated frequency."""
     if np.any(np.abs(source.amplitudes[:, 0]) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
         raise DataError(
-            f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",
+            f"Channel `u` contains no tone at {omega / (2 * np.pi):.4g} Hz above the noise of `u`.",
             remedy="Check `omega` (rad/s) and which channel is the input.",
         )
 

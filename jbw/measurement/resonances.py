@@ -30,7 +30,7 @@ LEAST_LINES, LEAST_POINTS = 12, 6
 ROUNDS = 3  # number of fits, each in a narrower band about the resonance
 DRIVEN = 1e-2  # A line is driven if it exceeds this fraction of the source's largest line.
 SWEPT = 5e-3  # fraction of the source's energy beyond either end of the sweep
-# largest relative residual near the resonance with which the response is that of an oscillator
+# largest relative residual near the resonance up to which an oscillator describes the response
 MISSED = 0.5
 # relative error of the damping ratio per unit of the oscillator's relative residual
 LEFT_OPEN = 0.45
@@ -220,7 +220,10 @@ def _through(
     variance = float(np.sum((both - stacked @ (coefficients * scale)) ** 2)) / degrees
     spread = variance * np.diag(np.linalg.pinv(stacked.T @ stacked)) / scale**2
     if not coefficients[0] > 0.0:
-        raise DataError("The lines about the largest response show no resonance.")
+        raise DataError(
+            "The spectral lines about the largest response show no resonance.",
+            remedy="Measure around the natural frequency, or state a band around the mode.",
+        )
     model = -(columns[:, 2:] @ coefficients[2:]) / (
         coefficients[0] + 1j * omega * coefficients[1] - omega**2
     )

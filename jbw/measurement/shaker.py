@@ -39,7 +39,8 @@ class ShakerFit:
     mass: float  # m_a [kg]
     damping: float  # c_a [N s/m]
     stiffness: float  # stiffness k_a [N/m]
-    # standard deviations of the five values, from the residual of independent lines
+    # standard deviations of gain, delay, mass, damping and stiffness, from the residual of
+    # independent lines
     std: Float[np.ndarray, " 5"]
     leftover: float  # residual of the force's spectral lines, divided by their magnitude
     leftover_gain: float  # residual divided by magnitude for a fit of only a constant gain
@@ -100,8 +101,8 @@ def fit_attachment(
     keep = (freq > 0) & lines_within(freq, (low, high))
     if 2 * keep.sum() <= len(NAMES):
         raise DataError(
-            f"The band {low:g} to {high:g} Hz must hold {len(NAMES) // 2 + 1} lines or more for "
-            f"{len(NAMES)} unknowns, but it holds {keep.sum()}.",
+            f"The band {low:g} to {high:g} Hz must contain {len(NAMES) // 2 + 1} lines or more for "
+            f"{len(NAMES)} unknowns, but contains {keep.sum()}.",
             remedy="Widen the band, or give a longer record.",
         )
     jw = 2j * np.pi * freq[keep]

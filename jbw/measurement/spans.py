@@ -159,7 +159,7 @@ def put_line(leaving_out: str) -> str:
 
 
 def exclude_line(record: Record) -> str:
-    """Return how to leave out a record: by its file's name if the file has no other record."""
+    """Return the line that leaves out a record: by file name if the file has no other record."""
     name = record.name.partition(" + ")[0]
     if name and name in {Path(x).name for x in record.provenance.get("path", "").split("; ")}:
         return remedies.leave_out(toml_list([escape(name)]))

@@ -185,7 +185,7 @@ def frf(
     averages = _effective_averages(window, nperseg, noverlap, num_segments) * len(u)
     if averages < 1.5:
         raise DataError(
-            f"The record must hold at least two segments of {nperseg / fs:g} s, but is "
+            f"The record must contain at least two segments of {nperseg / fs:g} s, but is "
             f"{u.shape[-1] / fs:g} s long.",
             why="A single segment gives a coherence of one and no variance.",
             remedy=f"Measure {(2 * nperseg - noverlap) / fs:g} s or shorten `window_s`.",
@@ -315,7 +315,7 @@ def _spectra(
     s_uu, s_yy, s_uy = (s.mean(axis=0)[keep] for s in (s_uu, s_yy, s_uy))
     if np.any(s_uu <= 0):
         raise DataError(
-            "Channel `u` must excite every line of the band, but some have no power at all.",
+            "Channel `u` must excite every line of the band, but some lines have no power.",
             remedy="Narrow `band` to the excited frequencies.",
         )
     return freq[keep], s_uu, s_yy, s_uy

@@ -94,9 +94,9 @@ def without_lines(
     for line, (a, b) in zip(lines, amplitudes.reshape(-1, 2), strict=False):
         if line.error > KNOWN * line.amplitude:
             raise DataError(
-                f"the line of `lines_hz` at {line.hz:.5g} Hz is not seen: its amplitude is "
+                f"the line of `lines_hz` at {line.hz:.5g} Hz is not significant: its amplitude is "
                 f"{line.amplitude:.3g}, with a standard error of {line.error:.2g} over the record.",
-                remedy="Leave this line out of `lines_hz`, or correct its frequency.",
+                remedy=f"Remove {line.hz:.5g} from `lines_hz`, or correct the frequency.",
             )
         turn = 2 * np.pi * line.hz * whole_time
         removed += a * np.cos(turn) + b * np.sin(turn)
@@ -152,7 +152,8 @@ def _with_errors(
     lines = []
     for i, (a, b) in enumerate(amplitudes[: 2 * len(lines_hz)].reshape(-1, 2)):
         chosen = [2 * i, 2 * i + 1, len(amplitudes) + i]
-        # The errors of amplitude and phase are combined at the furthest end, for the worst phase.
+        # The errors of amplitude and phase are combined at the end of the record that is furthest
+        # from the fitted part, for the worst phase.
         peak = float(np.hypot(a, b))
         along = np.array([a, b, 0.0]) / max(peak, 1e-300)
         across = np.array([-b, a, 0.0]) / max(peak, 1e-300)

@@ -69,8 +69,8 @@ def record_frf(
     size = np.abs(spectra[0])
     if np.min(size[keep]) <= DRIVEN * np.max(size):
         raise DataError(
-            f"Channel `u` must excite every line from {low:g} to {high:g} Hz, but some have less "
-            f"than {DRIVEN:g} of its largest.",
+            f"Channel `u` must excite every line from {low:g} to {high:g} Hz, but some lines have "
+            f"less than {DRIVEN:g} of the largest amplitude of `u`.",
             remedy="Narrow `band` to the swept frequencies.",
         )
     freq, (above, below) = freq[keep], (spectra[1][keep], spectra[0][keep])

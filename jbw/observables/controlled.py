@@ -137,7 +137,8 @@ class ControlledPoints(Observable):
             raise DataError(
                 "`residuals` = 'own' needs a test whose response is compared, but "
                 f"{family[0][0].name} compares the force.",
-                why="A residual term changes the compared force through the law of the joint.",
+                why="In a test with a controlled response, a residual term changes the compared "
+                "force through the law of the joint.",
                 remedy="State `residuals` = 'upper' or 'both', whose terms all tests share.",
             )
         rows, values = zip(

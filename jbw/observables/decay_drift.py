@@ -27,7 +27,7 @@ class Drift(NamedTuple):
     rate: float
     rest: Complex[np.ndarray, " value"]  # residual of the envelope without the drift
     measured: Complex[np.ndarray, " value"]
-    weight: Float[np.ndarray, " value"]  # weight w t of each value
+    weight: Float[np.ndarray, " value"]  # weight of each value, multiplied by the time of the value
 
 
 def drift_of(

@@ -27,7 +27,7 @@ from jbw.quantities import FED, LINEAR, OSCILLATOR, STUCK
 NAMES = tuple(quantity.name for quantity in OSCILLATOR)
 # damping ratio that is assumed if unknown, and smallest damping ratio
 DAMPED, LEAST_DAMPED = 0.02, 1e-4
-# The own parameters of each drive, and their names without the drive.
+# The separate parameters of each drive, and their names without the drive.
 OWN = {**dict.fromkeys(FED, NAMES), BASE: ("gain",)}
 PLAIN = {f"{name}_{drive}": name for drive, names in OWN.items() for name in names}
 
@@ -91,7 +91,7 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 
 
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return which of omega_n, zeta and gain the dataset parts determine jointly.
+    """Return those of omega_n, zeta and gain that the dataset parts determine jointly.
 
     Free motion determines stiffness / mass, a prescribed displacement the stiffness [N/m]:
     together they determine the modal mass, which neither determines alone.
@@ -103,7 +103,7 @@ def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
 
 
 def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
-    """Return which of omega_n, zeta and gain follow only from the secant stiffness of a loop.
+    """Return those of omega_n, zeta and gain that only the secant stiffness of a loop determines.
 
     These are only starting values: the motion of no part determines them.
     """

@@ -240,7 +240,7 @@ def with_slope(groups: Groups, slope: Float[Any, "group value own"]) -> Groups:
 
 
 def compared(groups: Groups, group: int) -> slice | Bool[np.ndarray, " value"]:
-    """Return which values of a data group are compared; a complex value counts as one."""
+    """Return the slice or mask of a group's compared values; a complex value counts once."""
     if groups.counted is not None:
         return np.asarray(groups.counted)[group] > 0
     return slice(int(np.asarray(groups.size)[group]) // (2 if groups.is_complex else 1))

@@ -199,8 +199,8 @@ def _of_part(
         size * count / 2 * np.log(2 * np.pi * std**2) + squares / (2 * std**2)
     )
     norm = np.sum(measured**2, axis=1)
-    # The reference is a model-free density, which has only the variation between repeats, or for a
-    # single record its size. The ratio of densities then has no unit.
+    # The reference is a model-free density. Its variance is that between the repeats or, for a
+    # single record, the mean square of the record. The ratio of the densities then has no unit.
     num_repeats, within = (np.asarray(x)[group] for x in (groups.num_repeats, groups.within))
     within = np.where(num_repeats > 1, within, norm[group])
     total = np.maximum(num_repeats - 1, 1)

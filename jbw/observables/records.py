@@ -426,7 +426,7 @@ class Records(Observable):
         return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
-        """Return which levels have a predicted response far beyond any measured one."""
+        """Return a mask of levels whose predicted response far exceeds the measured response."""
         # The measured size is zero for planned levels, which have no measurement.
         size = jnp.max(jnp.abs(self.mean), axis=1)
         return (size > 0) & (peak > ABSURD * size)

@@ -95,9 +95,7 @@ def check_options(
     fs: float, hold: str, substeps: int, num_samples: int | None, callable_input: bool
 ) -> None:
     """Raise if JAX runs in float32, or if an option of `simulate` is invalid."""
-    require_float64(
-        "Time integration", "Single precision leaves no correct digit in the gradients of a sweep"
-    )
+    require_float64("Time integration", "The gradients of a sweep have no correct digit")
     if hold not in HOLDS:
         raise ConfigError(f"Argument `hold` must be one of {', '.join(HOLDS)}, but is {hold!r}.")
     if is_concrete(fs) and not (np.ndim(fs) == 0 and np.isfinite(fs) and fs > 0):
@@ -255,10 +253,10 @@ def check_bounded(joint: Any, y: Any) -> None:
         )
     raise ModelError(
         f"The trajectory diverges at sample {sample} for {text}.",
-        why="z has no bound if delta + gamma < 0, or after a start outside the bounded range; "
-        "more than one reversal within a step has the same effect, and so has a restoring "
-        "force that pushes away from y = 0.",
-        remedy="Check the parameters and the input's scale; raise `substeps`.",
+        why="z has no bound in any of these cases: delta + gamma < 0; z starts outside its bounded "
+        "range; the motion reverses more than once within a step; a restoring force pushes away "
+        "from y = 0.",
+        remedy="Check the law's parameters and the scale of the input, or raise `substeps`.",
     )
 
 

@@ -162,7 +162,7 @@ class KinkImpulse(NamedTuple):
 
 
 def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
-    r"""Return how a kink of the force within a step changes v and y, beyond the cubic prediction.
+    r"""Return the changes of v and y by a force kink within a step, beyond the cubic prediction.
 
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains, given as
     h^3 J_2 and h^4 J_3 [m/s],
@@ -190,7 +190,7 @@ def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
 def slope_jump_impulse(
     x: Scalar, jump_1: Scalar, jump_2: Scalar, jump_3: Scalar = 0.0
 ) -> tuple[Scalar, Scalar]:
-    r"""Return how a jump in the force's slope, as at the onset of slip, changes v and y.
+    r"""Return the changes of v and y by a jump in the force's slope, as at the onset of slip.
 
     The jumps are given as h J_1, h^2 J_2 and h^3 J_3 [N/kg]; the impulses are those on v over h and
     on y over h^2 [m/s^2]:
@@ -207,7 +207,7 @@ def slope_jump_impulse(
 
 
 def cusp_impulse(start: tuple[Scalar, ...], end: tuple[Scalar, ...]) -> tuple[Scalar, Scalar]:
-    r"""Return how a power-law kink in the rate of the force changes v and y.
+    r"""Return the changes of v and y by a power-law kink in the rate of the force.
 
     F_0 = r' and its first three integrals from the kink are given at both ends of the step, for
     steps of length one. The impulses are those on v over h and on y over h^2 [m/s^2]:

@@ -295,7 +295,10 @@ def unpacked(laws: Any, state: tuple[Any, Any, Any]) -> tuple[Any, Any, Any]:
 
 
 def count_guesses(law: Law, memory: Memory) -> Scalar:
-    """Return how often the law remembered too few load reversals; its force may then be wrong."""
+    """Return the number of times that the law remembered too few load reversals.
+
+    The force may be wrong at these times.
+    """
     return law.guesses(memory) if law.depth else 0.0  # pyright: ignore[reportAttributeAccessIssue]
 
 

@@ -39,7 +39,7 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
     if not on_one_device():
         return jax.lax.cond(met, rare, lambda _: usual, operands)
 
-    # Derivatives use the plain condition, because a custom batching rule has none.
+    # Derivatives use the plain condition, because a custom batching rule has no derivative.
     condition = jax.custom_jvp(_condition(rare, 0))
 
     @condition.defjvp

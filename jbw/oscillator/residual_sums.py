@@ -26,7 +26,7 @@ from jbw.oscillator.step import State
 
 
 class Compared(eqx.Module):
-    """A measured response, and weights R_k for sums over its difference from the simulation.
+    """A measured response, and weights R_k for sums over measured minus simulated response.
 
     All rows of weights begin at the first compared sample.
 

@@ -59,7 +59,7 @@ def tones(
 
 
 def multinomial(powers: Sequence[int]) -> int:
-    r"""Return in how many orders the factors of a term occur, $\eta!/(p!\,q!\,r!\,s!\,v!\,w!)$.
+    r"""Return the number of orders of a term's factors, $\eta!/(p!\,q!\,r!\,s!\,v!\,w!)$.
 
     Args:
         powers: The powers p, q, r, s, v, w, whose sum is eta; any number of them.

@@ -1,4 +1,4 @@
-"""An unmeasured unit as a run that predicts: draws of its parameters, and data for predictions."""
+"""A predicted run for an unmeasured unit: draws of its parameters, and data for predictions."""
 
 import json
 from pathlib import Path

@@ -166,7 +166,7 @@ def _require_whole(fleet: xr.DataTree, name: str) -> None:
 
 
 def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], Any]:
-    r"""Return the fraction of each unit's posterior that a prior cuts off, and which prior does.
+    r"""Return the fraction of each unit's posterior that a prior cuts off, and the prior's name.
 
     For a quantity that was not sampled itself, it is the part cut from each sampled parameter,
     times the share $\rho^2$ of the quantity's variance that this parameter explains. A product is

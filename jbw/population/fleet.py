@@ -259,10 +259,11 @@ def _log_bounds(unit: Unit, name: str) -> tuple[float, float]:
 
 
 def beyond(unit: Unit, name: str) -> float:
-    """Return how much of a Gaussian with the draws' mean and sd lies beyond the prior's bounds.
+    """Return the probability beyond the prior bounds of a Gaussian with the draws' mean and sd.
 
-    A posterior that the box does not affect has next to none there; one that is cut at its mode,
-    half a Gaussian, has 9 %; one that is flat up to a bound has 4 %. NaN where not sampled.
+    It is almost zero for a posterior that the bounds do not affect, 9 % for a posterior that is cut
+    at its mode (half a Gaussian), and 4 % for a posterior that is flat up to a bound. NaN if the
+    parameter was not sampled.
     """
     if name not in unit.bounds:
         return np.nan

@@ -113,8 +113,8 @@ def measured_units(studies: Sequence[Study], population: Population) -> list[Mea
     """Return every unit of a fleet with its records and the scale of the unit's posterior."""
     if len(studies) != (num_units := len(population.result.units)):
         raise ConfigError(
-            f"Argument `studies` must hold the {num_units} units of the "
-            f"population, but holds {len(studies)}.",
+            f"Argument `studies` must contain the {num_units} units of the "
+            f"population, but contains {len(studies)}.",
             remedy="Give the result of `jbw.identify` for each unit, in the order of the fleet.",
         )
     return [_measured_unit(study, population) for study in studies]
@@ -144,8 +144,8 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     identification = study.identification
     if identification is None or identification.data is None:
         raise DataError(
-            f"{study.result.campaign} has no joint posterior at hand.",
-            why="A saved run contains draws, but not the likelihood of its records.",
+            f"The result of {study.result.campaign} has no likelihood of its records.",
+            why="A result that is read from a saved run contains draws, but no likelihood.",
             remedy="Give the result that `jbw.identify` returned in this process.",
         )
     data, main = identification.data, identification.main

@@ -37,7 +37,7 @@ WIDTH, HEIGHT = 8.27, 11.69  # A4 [in]
 MARGIN = 0.7  # empty margin on every side of the page [in]
 ROOM = WIDTH - 2 * MARGIN  # width of a line of text [in]
 LEADING = 1.45  # distance of two lines of text, relative to their font size
-POINT = 1 / 72  # [in]
+POINT = 1 / 72  # typographic point [in]
 FIGURE = 3.1  # height of the backbone with its legend [in]
 FOOT = 0.5  # height reserved for the final lines [in]
 # amplitudes in the rows of the table, as fractions of the largest fitted amplitude

@@ -60,7 +60,10 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
     stored = node(tree, "posterior")
     joint_parameters = [] if stored is None else of_joint(stored.to_dataset())
     if not joint_parameters:
-        raise DataError("The result has no posterior of the joint.")
+        raise DataError(
+            "The result has no posterior of the joint's parameters.",
+            remedy="Identify a campaign with tests that move the joint, and do not omit steps.",
+        )
     loops = node(tree, BACKBONE) is not None
     axes = panels(ax, 1, 2 if loops else 1, height=3.9, width_ratios=[1.25, 1][: 1 + loops])
     schematic: Axes = axes[0, 0]

@@ -170,7 +170,7 @@ def _waterfall(costs: Sequence[float | None]) -> str:
 
 
 def _shift(move: StoredShift | None, quantities: Names) -> str:
-    """Return by how much a posterior mean shifts with a prior bound [sd], and which bound it is."""
+    """Return the shift of a posterior mean by a prior bound [sd] and the bound, as text."""
     if move is None or not move.box:
         return NOTHING
     size = "∞" if move.shift is None else number(move.shift, 0.1)

@@ -40,6 +40,11 @@ LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "l
 UNMEASURED = "zeta"  # parameter that a campaign without a free or driven mode cannot determine
 CAUSE = "cause"  # finding that names a fault of the data as the cause of the residual
 POORLY = 2  # grade of a parameter that the data determine better than the prior, but not to 30 %
+LOOK, MEASURED = "look", ("y", "damping", "damping_sd")
+SURE = 2.5758  # standard deviations to either side of a 99 % interval
+# smallest difference of a law's damping ratio from the measured one, relative to the measured one,
+# that is stated
+APART = 0.25
 ABSENT = "no_joint"  # finding that replaces the first sentence: no joint is detected
 
 
@@ -56,6 +61,7 @@ def opening(summary: RunSummary, tree: xr.DataTree) -> list[str]:
     effects = joint_sentences(summary.joints) or [effect_sentence(summary, tree)]
     return [
         *effects,
+        *contradictions(summary, tree),
         *stiffness_sentences(summary, tree),
         *units,
         *met,
@@ -150,6 +156,36 @@ def effect_sentence(summary: RunSummary, tree: xr.DataTree) -> str:
             f"{_change('damping ratio', 100 * damping, '%')}"
         )
     return messages.effect(LOW * y_peak * factor, y_peak * factor, unit, changes)
+
+
+def contradictions(summary: RunSummary, tree: xr.DataTree) -> list[str]:
+    """Return a sentence where the law's damping ratio differs from the measured one, if any.
+
+    Both are 99 % intervals at the same amplitude. They must be disjoint, and their centres must
+    differ by a quarter of the measured damping ratio. The largest difference is stated.
+    """
+    curve, look = node(tree, BACKBONE), node(tree, LOOK)
+    if curve is None or look is None or summary.joints is not None:
+        return []
+    # Results of earlier versions lack the errors of readings.
+    read = [group for group in look.children.values() if set(MEASURED) <= set(group.data_vars)]
+    parts = [np.stack([group[name].values for name in MEASURED]) for group in read]
+    rows = np.concatenate([np.zeros((len(MEASURED), 0)), *parts], axis=1)
+    y, measured, sd = rows[:, (rows[0] > 0) & (rows[0] <= StoredBackbone.of(curve).y_fitted)]
+    if not y.size:
+        return []
+    law = curve.to_dataset()["damping"].interp(amplitude=y).transpose("quantile", ...).values
+    apart = np.maximum(law[0] - measured, measured - law[2]) > SURE * sd
+    away = np.where(apart, np.abs(law[1] / measured - 1), 0.0)
+    worst = int(np.argmax(away))
+    if not away[worst] > APART:
+        return []
+    factor, unit = motion_unit(float(y[worst]), _unit_of_motion(summary))
+    low, middle, high = 100 * law[:, worst]
+    digits = _digits(low, high)
+    modelled = f"{middle:.{digits}g} % [{low:.{digits}g}, {high:.{digits}g}]"
+    error = f"{100 * measured[worst]:.3g} ± {100 * SURE * sd[worst]:.1g} %"
+    return [messages.contradicted(factor * float(y[worst]), unit, modelled, error)]
 
 
 def stiffness_sentences(summary: RunSummary, tree: xr.DataTree) -> list[str]:

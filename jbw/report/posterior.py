@@ -64,7 +64,10 @@ def _sampled(
         if group is not None
     }
     if not any(by_source.values()):
-        raise DataError("The result has no posterior from this step.")
+        raise DataError(
+            f"The result has no posterior of a joint from {' or '.join(s.label for s in sources)}.",
+            remedy="Identify the campaign again, with all steps.",
+        )
     return by_source
 
 
@@ -175,7 +178,7 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: Step 3 in the prior box, and the joint posterior enlarged, where the run has them.
     """
     if laws_of(tree)[:1] != ("bouc_wen",):
-        raise DataError("The law of this joint does not have the parameters α and δ.")
+        raise DataError("The first law of the joint does not have the parameters α and δ.")
     by_source = _sampled(tree, (*reversed(THIRD_ORDER), JOINT))
     # The first two parameters of the law form the product that weak motion determines.
     laws = {source: of_law(sampled.values()) for source, sampled in by_source.items()}
@@ -183,7 +186,10 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     third, joint = ([s for s in pairs if (s == JOINT) == is_joint] for is_joint in (False, True))
     present = [sources for sources in (third, joint) if sources]
     if not present:
-        raise DataError("The result has no posterior of α and δ.")
+        raise DataError(
+            "The result has no posterior of α and δ.",
+            remedy="Identify with free α and δ: fix neither in the campaign.",
+        )
     axes = panels(ax, 1, len(present), height=3.4)
     for panel, sources in zip(axes[0], present, strict=True):
         for source in sources:

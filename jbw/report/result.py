@@ -25,7 +25,7 @@ BACKBONE = "verification/backbone"
 FREE_LAW = "free_law"
 # Names of groups that contain draws, anywhere in the tree.
 DRAWN = ("posterior", "as_recorded", "runs")
-HELD_OUT = "held out"  # value of an attribute: the test is in no fit
+HELD_OUT = "held out"  # attribute value of a test that no fit uses
 
 
 class PosteriorParameter(NamedTuple):
@@ -51,7 +51,7 @@ def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
     try:
         record = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         if not isinstance(record, Mapping):
-            raise ValueError("summary.json holds no table")
+            raise ValueError("summary.json contains no table")
         has_hashes = SEAL in record
         summary = _typed(folder, unsealed(record, folder / "posterior.nc"))
         tree = read_tree(folder / "posterior.nc", *groups)
@@ -68,7 +68,7 @@ def read_result(folder: Path, *groups: str) -> tuple[RunSummary, xr.DataTree]:
         raise
     except Exception as cause:  # For damaged files, JSON and HDF5 may raise any exception.
         raise DataError(
-            f"The result in {folder} cannot be read, because files are damaged: {reason_of(cause)}",
+            f"The result in {folder} is damaged and cannot be read: {reason_of(cause)}",
             remedy="Run the identification again, or restore the folder from a copy.",
         ) from cause
     require_finite(tree, folder / "posterior.nc")
@@ -156,7 +156,10 @@ def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
             remedy="Choose a figure or table for which the run has results.",
         )
     if missing := [name for name in needed if name not in group.data_vars]:
-        raise DataError(f"The group /{path.strip('/')} lacks {', '.join(missing)}.")
+        raise DataError(
+            f"The group /{path.strip('/')} of the result lacks {', '.join(missing)}.",
+            remedy="Identify the campaign again with this version of jbw and with all steps.",
+        )
     return group.to_dataset()
 
 

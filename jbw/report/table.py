@@ -17,7 +17,7 @@ class Cell(NamedTuple):
 
     text: str  # text on the page
     mark: str = ""  # kind of mark: good, doubt, bad or flag; empty for no mark
-    typed: str = ""  # text in the terminal, if it differs in more than its letters
+    typed: str = ""  # text in the terminal; if empty, `text` with keyboard characters
 
 
 @dataclass(frozen=True)

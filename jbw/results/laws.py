@@ -62,7 +62,7 @@ class StoredSharedRuns(Stored):
 
     parameters: dict[str, OffsetChange]
     error: list[float]
-    errors: dict[str, float]  # error of every law without offsets
+    errors: dict[str, float]  # error of each law, fitted without offsets
 
 
 class StoredFreeLaw(Stored):

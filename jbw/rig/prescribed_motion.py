@@ -153,7 +153,10 @@ def _held_force(
     phase: NDArray[np.float64] | None,
     distortion: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    """Return frequencies [rad/s] and first harmonics of force [N/kg]; `phase` fixes the former."""
+    """Return frequencies [rad/s] and first harmonics of the force [N/kg].
+
+    If `phase` is given, the frequencies are those at which the force has this phase.
+    """
     k, damping = float(specimen.k), float(specimen.zeta * specimen.omega_n)
     motion = np.zeros((level.size, ORDERS.size), complex)
     motion[:, 0] = level

@@ -8,7 +8,7 @@ from pathlib import Path
 from jbw.errors import RunError
 
 ROOM = 50 * 2**20  # bytes that a run may need on disk for posterior, report and checkpoints
-# the same number of bytes for a run that also stores records of the virtual rig
+# bytes that a run may need on disk if it also stores records of the virtual rig
 ROOM_OF_RIG = 300 * 2**20
 
 

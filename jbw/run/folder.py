@@ -57,7 +57,7 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
         raise RunError(
             f"Another process{_holder(file)} is writing to {folder}.",
             why="Results of two runs must not be mixed.",
-            remedy="Wait until the other process ends, or choose another folder.",
+            remedy="Wait until the process that uses the folder ends, or choose another folder.",
         ) from error
     except OSError as error:
         if error.errno not in UNSUPPORTED:
@@ -227,7 +227,7 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
             raise RunError(
                 f"The campaign of the run in {folder} must be that of its virtual rig, "
                 f"{OF_RIG}, but is {manifest.campaign}.",
-                why="The rig's records are written there.",
+                why="The records of the virtual rig are written next to the campaign file.",
                 remedy="Begin a run of your own: jbw demo --out DIR.",
             )
         require_room(folder)

@@ -118,7 +118,7 @@ def _require_same(name: str, was: str, now: str) -> None:
 def _other_data(what: str) -> DataError:
     return DataError(
         f"The data file {what}",
-        why="The chains of the run would continue with other data.",
+        why="Chains must continue with the data with which the run began.",
         remedy=RESTORE,
     )
 

@@ -55,7 +55,7 @@ from jbw.verification.verify import Groups, verify
 TIED_KEY = 300
 SPECTRUM = 4.2  # highest frequency of the displayed spectrum, as a multiple of the tone's frequency
 NUM_PRIOR = 500  # number of stored draws from the prior
-NUM_PREDICTED = 100  # number of these stored draws that are propagated through the model
+NUM_PREDICTED = 100  # number of prior draws that are propagated through the model
 SAMPLES = ("chain", "draw")
 # Predictions from the prior get this noise level, because the improper prior 1/sigma cannot be
 # drawn from.

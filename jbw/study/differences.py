@@ -140,7 +140,7 @@ def _require_comparable(first: FinishedRun, second: FinishedRun) -> None:
         raise ConfigError(
             f"The laws of the two runs must be the same, but {first.folder} has {laws[0]} and "
             f"{second.folder} has {laws[1]}.",
-            why="Parameters of different laws cannot be compared.",
+            why="Parameters of different laws are different quantities.",
             remedy="Identify both runs with the same law: state the same `laws` in [joint].",
         )
     for name in _shared(first, second):

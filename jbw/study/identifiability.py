@@ -61,7 +61,7 @@ class Identifiability:
     # the prior range shrinks by a tenth.
     contraction: dict[str, float] = field(default_factory=dict)
     sensitivity: dict[str, Sensitivity] = field(default_factory=dict)
-    statements: tuple[str, ...] = ()  # sentences on all these results
+    statements: tuple[str, ...] = ()  # sentences that state the results of the analysis
 
     def summary(self) -> dict[str, Any]:
         """Return the result as plain values for `summary.json`; unknown numbers are None."""
@@ -148,7 +148,7 @@ def identifiability(
 
 
 def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -> Identifiability:
-    """Return how precisely a fit determines its parameters and their products, before sampling."""
+    """Return the precision of a fit's parameters and of their products, before sampling."""
     products = combinations(fitted.box.names, fitted.data.laws)
     before = information(_of_data(fitted), as_wide(fitted.box, fitted.data.stated), products)
     followed: dict[str, Profile] = {}
@@ -173,7 +173,7 @@ def _of_data(fitted: Fitted) -> Fit:
 def look_again(
     fitted: Fitted, posterior: xr.Dataset, settings: Identify, report: Report = logger.info
 ) -> Identifiability:
-    """Return how precisely the fit and the posterior draws determine each parameter."""
+    """Return the precision of each parameter in the fit and in the posterior draws."""
     before = look(fitted, with_profiles=settings.profiles, report=report)
     box, products = fitted.box, before.products
     draws = {name: posterior[name].values for name in box.names}

@@ -210,6 +210,7 @@ def _per_displacement(
     """Return the response per displacement of the mode, in SI, at amplitudes y."""
     output = member.motion.seen(y, omega)
     if load.is_base:
-        # The response contains the acceleration of the base, ratio / share per displacement.
+        # The response contains the acceleration of the base, which is ratio / share per unit of
+        # displacement.
         return np.abs(ratio / member.share + load.shape * omega**2 * output)
     return np.abs(output) * omega ** derivative_order(seen.name)

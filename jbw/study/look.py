@@ -243,7 +243,11 @@ def _read(
     if traits.is_steady or traits.is_curve:
         return _of_harmonics(tests)
     if not traits.is_driven or traits.is_plain:
-        raise DataError(f"Tests of kind {tests[0].kind} show no resonance without a model.")
+        raise DataError(
+            f"Frequency and damping of tests of kind {tests[0].kind} cannot be determined without "
+            "a model of the joint.",
+            remedy="Identify the joint: jbw identify CAMPAIGN.toml.",
+        )
     timely = [on_time(test) for test in tests]
     lines = [driven_lines(record, test.band_hz) for test in timely for record in test.records]
     linear = [read_lines(reading) for reading in lines]

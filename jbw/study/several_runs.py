@@ -31,7 +31,7 @@ from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
 NUM_DRAWS = 200  # number of draws of each run
-# amplitudes of comparison, relative to the largest displacement that all runs fitted
+# amplitudes at which runs are compared, relative to the largest displacement of every run's fit
 GRID = np.linspace(0.05, 1.0, 20)
 # indices into GRID of the reported amplitudes: 10 % and 100 % of the largest amplitude
 TOLD = (1, 19)
@@ -136,7 +136,7 @@ def _trends(
     draws: Sequence[Float[np.ndarray, "what draw place"]],
     amplitude: Float[np.ndarray, " place"],
 ) -> list[TorqueTrend]:
-    """Return how frequency and damping change per doubling of torque, from several runs.
+    """Return the changes of frequency and damping per doubling of torque, from several runs.
 
     The list is empty if torques are missing or do not differ.
     """

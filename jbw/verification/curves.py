@@ -72,7 +72,7 @@ def predict_curve(source: Source, test: Test) -> Predicted:
 
 
 def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
-    """Predict the harmonics of all curves: of the response, or of the force if this was free."""
+    """Predict the harmonics of all curves: of the response or, if it was controlled, the force."""
     predictions: dict[int, Predicted] = {}
     for residuals in dict.fromkeys(curve.test.residuals for curve in curves):
         indices = [i for i, curve in enumerate(curves) if curve.test.residuals == residuals]

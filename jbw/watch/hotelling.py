@@ -44,7 +44,7 @@ def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceRea
             f"A reference for {p} values needs at least {p + 1} records, but has {num}.",
             why=f"With fewer than {p + 1} records, the variation between records is unknown in "
             "some direction.",
-            remedy="Add records without change, or use only one amplitude.",
+            remedy="Add records of the unchanged joint, or use only one amplitude.",
         )
     mean = readings.mean(axis=-2)
     away = readings - mean[..., None, :]

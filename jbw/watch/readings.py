@@ -186,7 +186,7 @@ def trend_of(
     *,
     report: Callable[[str], None] = print,
 ) -> Trend:
-    """Return how a fleet's frequency and damping at given amplitudes depend on torque.
+    """Return the dependence of a fleet's frequency and damping on torque, at given amplitudes.
 
     Args:
         fleet: A fleet from `jbw.fleet_of` or `jbw.read_fleet`.
@@ -210,8 +210,9 @@ def trend_of(
     if (status := population.result.status) != "ok":
         raise DataError(
             f"The status of the population is {status}.",
-            why="A change of torque would be stated more precisely than the fleet justifies.",
-            remedy="Collect more units, look with jbw population, or leave --population out.",
+            why="A population that fails its checks does not determine a change of torque.",
+            remedy="Collect more units, look at the findings of jbw population, or omit "
+            "--population.",
         )
     before, raised = (
         _readings_at(tightening, population, fleet, amplitudes, test)

@@ -278,8 +278,8 @@ def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
         raise DataError(
             "The likelihood of the run's draws cannot be reproduced: the recomputed values differ "
             f"by {sd:.2g} nats.",
-            why="The run is a quick run, whose draws are those of a Gaussian, or the weights or "
-            "solver steps of the run differ from the statements of its campaign.",
+            why="There are two possible causes: the run is a quick run, whose draws come from a "
+            "Gaussian approximation; or the campaign now states other weights or solver steps.",
             remedy="Identify the joint again with the new records in its campaign.",
         )
 

@@ -211,7 +211,7 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
         raise DataError(
             "The run's campaign has no free decays.",
             why="Frequency and damping are measured at fixed amplitudes along a decay.",
-            remedy="Hit the structure with a hammer and identify these records: a test of kind "
+            remedy="Hit the structure with a hammer and identify the records as a test of kind "
             "`decay`.",
         )
     if name is None and len(decays) > 1:
@@ -287,7 +287,8 @@ def _require_same(settings: WatchSettings, wishes: Wishes) -> None:
         if wished is not None and wished != has:
             raise ConfigError(
                 f"`{option}` is {wished}, but the watch began with {has}.",
-                why="The values of the watch and its rate of false alarms would not be comparable.",
+                why=f"With another `{option}`, the new values of the watch would not be comparable "
+                "with the earlier values.",
                 remedy=f"Leave `{option}` out, or move watch.jsonl away and begin a new watch.",
             )
 

@@ -212,6 +212,19 @@ def test_channels_with_names_that_say_nothing_are_asked_for_once(tmp_path):
     assert text.count("SI assumed, not in the file, for time, velocity, force") == 2
 
 
+def test_the_unit_at_the_end_of_a_name_tells_the_quantity(tmp_path):
+    np.savez(tmp_path / "run_1.npz", fs=FS, drive_V=NOISE, resp_g=0.1 * DECAY)
+    (test,) = parse(start_campaign(tmp_path).text).tests
+    assert test.channels == {"input": "drive_V", "acceleration": "resp_g"}
+    assert test.units == {"input": "V", "acceleration": "g"}
+
+
+def test_a_with_a_place_is_an_acceleration(tmp_path):
+    np.savez(tmp_path / "run_1.npz", fs=FS, F=NOISE, a_end=0.1 * DECAY)
+    (test,) = parse(start_campaign(tmp_path).text).tests
+    assert test.channels == {"force": "F", "acceleration": "a_end"}
+
+
 def test_a_response_alone_is_drafted_by_its_samples_and_nobodys_answer_is_a_comment(tmp_path):
     np.savez(tmp_path / "run_1.npz", fs=FS, a=NOISE, b=0.1 * DECAY)
     ask, _ = scripted("b", "", "")

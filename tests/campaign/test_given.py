@@ -43,6 +43,16 @@ def test_records_become_one_campaign_of_these_records(tmp_path):
     assert path.read_text() == written
 
 
+def test_a_pattern_stands_for_the_records_that_match_it(tmp_path):
+    """Some shells hand a pattern on as it is."""
+    taps(tmp_path, "tap_1.csv", "tap_2.csv", "hit_1.csv")
+    (path,), _ = given(tmp_path / "tap_*.csv")
+    (test,) = load_campaign(path).tests
+    assert [record.name for record in test.records] == ["tap_1.csv", "tap_2.csv"]
+    with pytest.raises(ConfigError, match="does not exist"):
+        given(tmp_path / "blow_*.csv")
+
+
 def test_one_record_has_a_campaign_of_its_own_name(tmp_path):
     first, *_ = taps(tmp_path, "tap_1.csv", "tap_2.csv")
     assert given(first)[0] == [tmp_path / "tap_1.toml"]

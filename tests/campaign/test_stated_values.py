@@ -126,7 +126,7 @@ fs = {fs}
 
 def test_a_band_that_no_record_resolves_is_refused():
     record = Record(1e12, {"velocity": decay(4096)}, {"velocity": "m/s"})
-    with pytest.raises(DataError, match="takes a record of more than"):
+    with pytest.raises(DataError, match="needs a filter of more than"):
         band_filter((10.0, 40.0), record.fs)
     assert examined_decay(record, (10.0, 40.0), 0.0) == Examined(None, (), (10.0, 40.0))
 

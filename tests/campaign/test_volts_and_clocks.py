@@ -219,4 +219,4 @@ def test_a_motion_of_metres_is_doubted(tmp_path):
     slow = TEST.format(files="tap_1.csv", lines=lines).replace("[15.0, 25.0]", "[0.004, 0.007]")
     (tmp_path / "campaign.toml").write_text(slow)
     faults = [f for row in check_campaign(tmp_path / "campaign.toml").rows for f in row.findings]
-    assert any("The motion would be" in fault.what for fault in faults)
+    assert any("In the stated units, the motion is" in fault.what for fault in faults)

@@ -14,7 +14,17 @@ import pytest
 from rich.console import Console
 
 from jbw.cli import progress
-from jbw.cli.progress import LOOK_S, PLAIN_S, SILENT_S, Teller, called, chain_sentence, effective
+from jbw.cli.progress import (
+    LOOK_S,
+    PLAIN_S,
+    SILENT_S,
+    Teller,
+    called,
+    chain_sentence,
+    effective,
+    telling,
+)
+from jbw.inference.lanes import at_points
 from jbw.inference.samplers.chunked_run import SoFar
 
 
@@ -139,10 +149,22 @@ def test_what_is_under_way_within_a_stage_is_told_of_that_stage_alone(clock):
     clock[0] += SILENT_S + 1
     say.beat()
     assert stream.getvalue().splitlines()[-1].endswith("... Fitting: start 2 of 11, for 5 s so far")
+    for points in (1024, 512):
+        say.count(points)
+    clock[0] += SILENT_S + 1
+    say.beat()
+    assert stream.getvalue().splitlines()[-1].endswith("so far, 1,536 model evaluations")
     say("Drawing")
     clock[0] += SILENT_S + 1
     say.beat()
     assert stream.getvalue().splitlines()[-1].endswith("... Drawing, for 5 s so far")
+
+
+def test_evaluations_of_the_model_are_counted():
+    with telling("Fitting") as say:
+        at_points(lambda theta, _: theta["x"], {"x": np.zeros(70)})
+        at_points(lambda theta, _: theta["x"], {"x": np.zeros(30)})
+        assert say._count == 100
 
 
 def test_a_message_is_one_line_in_a_file_however_long(clock):

@@ -219,7 +219,7 @@ def test_too_few_readings_are_refused_with_their_number():
                           hz_covariance=table.hz_covariance[:2, :2],
                           zeta_covariance=table.zeta_covariance[:2, :2])
            for table in tables(count=1)]  # fmt: skip
-    with pytest.raises(DataError, match="4 amplitudes or more, but there are 2"):
+    with pytest.raises(DataError, match="4 amplitudes or more, but has only 2"):
         free_law(few)
 
 

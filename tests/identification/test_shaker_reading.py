@@ -121,7 +121,7 @@ units = { input = "V", force = "N", drive_point = "m/s^2", velocity = "m/s" }
 
 
 def test_a_drive_point_without_a_force_is_refused():
-    with pytest.raises(ConfigError, match=r"the shaker is identified .* only with `force`"):
+    with pytest.raises(ConfigError, match=r"add `force`, which the identification of the shaker"):
         parse(TEXT.replace('force = "force", ', "").replace('force = "N", ', ""))
 
 

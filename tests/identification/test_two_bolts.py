@@ -232,7 +232,7 @@ def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
     assert [row["verdict"] for row in summary["joints"]["joints"]] == ["identified"] * 2
     run(["report", str(out), "--figures", "png"])
     page = (out / "report.html").read_text()
-    assert "share in every mode" in page
+    assert "softening in every mode" in page
     for drawn in ("extra_assembly", "extra_joint_loops"):
         assert (out / "figures" / f"{drawn}.png").is_file()
     assert "position" in xr.open_datatree(out / "posterior.nc")["assembly"]

@@ -57,7 +57,7 @@ def test_bad_input_is_named():
     voltage, force, moved = driven(np.random.default_rng(3))
     with pytest.raises(DataError, match="`voltage` is constant"):
         fit_attachment(0 * voltage, force, moved, FS, BAND)
-    with pytest.raises(DataError, match="must hold 3 lines or more for 5 unknowns"):
+    with pytest.raises(DataError, match="must contain 3 lines or more for 5 unknowns"):
         fit_attachment(voltage, force, moved, FS, (10.0, 10.02))
     with pytest.raises(DataError, match="`force`"):
         fit_attachment(voltage, force * np.nan, moved, FS, BAND)

@@ -54,5 +54,5 @@ def test_a_line_that_a_record_cannot_hold_is_refused(lines_hz):
 
 def test_a_line_that_is_not_there_is_refused():
     x = free() + NOISE * np.random.default_rng(0).standard_normal(len(TIME))
-    with pytest.raises(DataError, match=r"at 4[0-2][.0-9]* Hz is not seen"):
+    with pytest.raises(DataError, match=r"at 4[0-2][.0-9]* Hz is not significant"):
         without_lines(x, FS, [41.0])

@@ -106,7 +106,7 @@ def test_a_file_that_is_not_there_or_not_text(tmp_path):
     assert "jbw plan --example" in str(caught.value)
     damaged = tmp_path / "plan.toml"
     damaged.write_bytes(b"[plan]\n# \xff\xfe\n")
-    with pytest.raises(ConfigError, match=r"not UTF-8: byte 9"):
+    with pytest.raises(ConfigError, match=r"not UTF-8 text: byte 9 is invalid"):
         read_description(damaged)
 
 

@@ -102,10 +102,10 @@ def test_its_population_is_that_of_the_quadrature(units):
 
 def test_units_that_it_cannot_take_are_named(units):
     studies, population = units
-    with pytest.raises(ConfigError, match=r"must hold the 5 units.*but holds 4"):
+    with pytest.raises(ConfigError, match=r"must contain the 5 units.*but contains 4"):
         jbw.one_stage(studies[:4], population)
     saved = SimpleNamespace(identification=None, result=RunSummary(campaign="beam"))
-    with pytest.raises(DataError, match="beam has no joint posterior at hand"):
+    with pytest.raises(DataError, match="The result of beam has no likelihood of its records"):
         jbw.one_stage([saved, *studies[1:]], population)
     more = population._replace(pooled=population.pooled._replace(powers=np.array([[1.0, 1.0]])))
     with pytest.raises(DataError, match="do not determine all of zeta"):

@@ -91,6 +91,35 @@ def test_a_change_within_its_band_is_no_change():
     assert messages.no_change("natural frequency", interval) in sentence
 
 
+def with_readings(damping, sd, y=(1e-3, 4e-3)):
+    """The result above, with measured damping ratios at two amplitudes."""
+    tree = tree_of().to_dict()
+    rows = {"y": y, "damping": damping, "damping_sd": (sd, sd)}
+    tree["/look/tap"] = xr.Dataset({name: ("reading", list(x)) for name, x in rows.items()})
+    return xr.DataTree.from_dict(tree)
+
+
+@pytest.mark.parametrize(
+    ("damping", "sd", "said"),
+    [
+        # The law has 1.125 and 1.5 % there, with 1 % of it to both sides.
+        ((0.0112, 0.0152), 1e-4, False),  # it agrees
+        ((0.0112, 0.0090), 1e-4, True),
+        ((0.0112, 0.0090), 5e-3, False),  # the records do not tell
+        ((0.0112, 0.0130), 1e-5, False),  # certain, but 15 % are no other law
+    ],
+)
+def test_a_law_that_contradicts_what_the_records_show_is_not_to_be_used_there(damping, sd, said):
+    found = opening(summary_of(), with_readings(damping, sd))[1]
+    contradiction = messages.contradicted(4.0, "mm", "1.5 % [1.485, 1.515]", "0.9 ± 0.03 %")
+    assert (found == contradiction) == said
+
+
+def test_what_lies_beyond_the_fitted_motion_contradicts_nothing():
+    sentences = opening(summary_of(), with_readings((0.02, 0.02), 1e-4, y=(4.1e-3, 9e-3)))
+    assert not any("without a law" in sentence for sentence in sentences)
+
+
 def test_no_joint_is_said_in_the_words_of_its_finding_and_only_when_it_is_against():
     reason = "No joint is seen: it changes nothing."
     absent = summary_of(findings=[finding("no_joint", reason=reason)])
@@ -130,7 +159,7 @@ def test_a_joint_of_unknown_mass_has_its_stiffness_and_the_mass_that_is_taken(ga
     given.attrs["held"] = "{}" if gain is None else f'{{"gain": {gain}}}'
     found = opening(summary_of(rows), given)
     # The square of 1000 rad/s and of its ends, 1000 -+ 2.576.
-    stated = "joint is 1e+06 [9.949e+05, 1.005e+06] N/m. These tests do not determine the modal "
+    stated = "joint is 1e+06 [9.949e+05, 1.005e+06] N/m. The tests do not determine the modal "
     assert any(stated in sentence for sentence in found) == said
     assert any("parameters are those of 1 kg." in sentence for sentence in found) == said
 

@@ -371,8 +371,8 @@ def test_joints_of_a_tie_share_their_law_and_no_law_is_said(tmp_path):
     assert len(joints_read(text)) == 1
     assert "bolt_2 moves by" in text
     assert (
-        "stuck joint is 1.5e+07 N/m. The model does not contain this stiffness: add a spring."
-        in text
+        "stuck joint is 1.5e+07 N/m. The model does not contain the stiffness of joint bolt_2: add "
+        "a spring." in text
     )
 
 
@@ -387,7 +387,7 @@ def test_where_the_matrices_hold_the_joints_the_spring_is_to_be_replaced(tmp_pat
         to_hz=two_bolts.TO_HZ, zeta=two_bolts.ZETA, holds_joints=True
     )
     text = (written(tmp_path, tree_of(held)) / "joints.tcl").read_text()
-    replaced = "The model contains this stiffness as a spring, which the exported joint replaces"
+    replaced = "The model contains the stiffness of joint bolt_1 as a spring, which the exported"
     assert f"1.5e+07 N/m. {replaced}" in text
     # The joint is the same, whole.
     assert joints_read(text)[0].spring == pytest.approx(K - two_bolts.BOLTS[0][0], rel=1e-14)

@@ -34,7 +34,7 @@ def test_every_law_is_tried_at_all_joints_and_at_each():
     assert sentence == (
         "Compared laws, each at all joints: jenkins + cubic, linear. Compared laws, as the "
         "campaign states them: bouc_wen@bolt_1 + bouc_wen@bolt_2, bouc_wen@bolt_1=bolt_2. In "
-        "addition 4 combinations were compared that have another law at one joint."
+        "addition, 4 combinations were compared in which one joint has another law."
     )
 
 
@@ -55,11 +55,15 @@ def test_too_many_sets_leave_the_joints_that_stick():
     assert len(sets) <= MOST
     for joint in range(3):
         assert tuple(law for i, law in enumerate(THREE) if i != joint) in sets
-    assert "In addition 3 combinations were compared that have one joint fully stuck" in sentence
+    assert (
+        "In addition, 3 combinations were compared in which one joint is fully stuck." in sentence
+    )
     many = tuple(f"bouc_wen@bolt_{i}" for i in range(20))
     sets, sentence = trials_at_joints(many, None)
     assert len(sets) == 6  # five usual ones, of which one is the campaign's, and one law for all
-    assert sentence.endswith("No combination with another law at one joint was compared.")
+    assert sentence.endswith(
+        "No combination of laws was compared in which one joint has another law."
+    )
 
 
 def test_laws_that_name_their_joints_are_tried_as_they_are():

@@ -78,7 +78,7 @@ def test_an_old_run_is_still_reported_and_exported(tmp_path):
     study = load_study(old_run(tmp_path, draws))
     save_report(tmp_path, study.tree, study.result)
     assert "old" in (tmp_path / "report.html").read_text(encoding="utf-8")
-    with pytest.raises(DataError, match="no density of its draws") as caught:
+    with pytest.raises(DataError, match="lacks the log density of its draws") as caught:
         export(study.tree)
     assert "--draw" in caught.value.remedy
     found = export(study.tree, draw=3)

@@ -199,7 +199,7 @@ def _bounds(
     """Return the bounds beyond each of which a count lies with probability gamma/2 at most."""
     law = _law(num_replications, num_ranks)
     lower, upper = law.ppf(gamma / 2), law.isf(gamma / 2)
-    # The quantile of a discrete distribution is the count or one of its neighbours.
+    # The quantile of a discrete distribution is the wanted bound or a neighbouring count.
     lower = np.where(2 * law.cdf(lower) < gamma, lower + 1, lower)
     upper = np.where(2 * law.sf(upper - 1) < gamma, upper - 1, upper)
     return np.maximum(lower, 0), np.minimum(upper, num_replications)

@@ -43,9 +43,9 @@ STEP = 1e-5
 # Widest finite difference at an optimum, in the search coordinate. Over wider differences,
 # residuals are not linear.
 WIDEST = 0.02
-# Wider differences are not needed if they change no standard error by more than the first factor.
-# Otherwise differences are widened until errors change by less than the second factor, at most as
-# often as the third number says.
+# If wider differences change no standard error by more than the factor SAME, they are not needed.
+# Otherwise, differences are widened until errors change by less than the factor SETTLED.
+# MOST_WIDENINGS is the largest number of widenings.
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12
 UNIFORM = 12.0  # inverse variance of a uniform prior on the unit cube
 # A residual of this size or more is rejected, because its square may overflow.

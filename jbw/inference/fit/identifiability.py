@@ -79,7 +79,7 @@ def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
 
 
 def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
-    """Return which parameters clearly differ from zero when all others are fixed."""
+    """Return the parameters that clearly differ from zero when all other parameters are fixed."""
     std = np.sqrt(np.diag(covariance))
     # The draws have no variation if no chain has ever moved.
     if not (np.all(np.isfinite(covariance)) and np.all(std > 0)):
@@ -199,7 +199,7 @@ def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
 
 
 def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
-    r"""Return how far each posterior mean shifts if a tenth of the parameter's range is removed.
+    r"""Return the shift of each posterior mean if a tenth of the parameter's range is removed.
 
     $$\frac{E[\theta \mid \theta_i \in B'] - E[\theta]}{\mathrm{sd}(\theta)}$$
 

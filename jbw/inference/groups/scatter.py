@@ -157,7 +157,7 @@ def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Informatio
     It has the precision W - W G W and the linear term h - W G h, $G = (W + S^{-1})^{-1}$.
     """
     precision, pull = _scaled(data, scatter)
-    weight = data.precision * scatter  # W s
+    weight = data.precision * scatter  # precision W times standard deviation s of the offsets
     gained = jax.vmap(lambda column: solve(precision, column), in_axes=2, out_axes=2)(
         jnp.swapaxes(weight, 1, 2)
     )

@@ -33,8 +33,9 @@ FAILED_SOLVES = 0.01
 TREE_SHARE = 0.05
 NUM_CHAINS = 4  # number of chains that is suggested if there is only one
 # Width of the strip at a prior bound, relative to a 99 % interval, and the largest density of draws
-# in it, relative to a uniform posterior's. Half a normal distribution at its bound has 2.2; a
-# normal distribution whose mean is one standard deviation away has 1.0.
+# in the strip, relative to that of a uniform posterior. Half a normal distribution at its bound has
+# a relative density of 2.2; a normal distribution whose mean is one standard deviation away from
+# the bound has 1.0.
 EDGE, PILE = 0.01, 1.5
 # limits of chi-square per degree of freedom between which a fit agrees with the noise
 CHI_SQUARE = (0.2, 5.0)
@@ -151,7 +152,7 @@ def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
 
 
 def bounds_findings(draws: Draws, box: Box, ending: Collection[str]) -> list[Finding]:
-    """Return a finding per prior bound that truncates the draws, or one that is ok."""
+    """Return a finding per prior bound that truncates the draws; without any, one ok finding."""
     findings, bounds = [], bounds_by_name(box)
     truncated = list(leaning(draws, box))
     for name, side, share in truncated:

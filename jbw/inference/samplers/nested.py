@@ -32,7 +32,7 @@ from jbw.inference.space.problem import Problem
 
 LEFT = 1e-3  # A run ends when the live points contain no more than this fraction of the evidence.
 ROOM = 150  # storage for dead points, in multiples of the live points; each multiple covers one nat
-TOGETHER = 10  # One live point in this many is replaced at once, in parallel.
+TOGETHER = 10  # Each step replaces the fraction 1 / TOGETHER of the live points, in parallel.
 # number of simulated sequences of prior volumes, from which the error of the evidence follows
 VOLUMES = 200
 

@@ -27,7 +27,7 @@ FOLDS = 4
 # number of equal samples in a changing signal from which they count as filled in by the recorder
 HELD_RUN = 4
 CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled-in samples
-# number of converter steps between neighbouring samples that a slow signal does not reach
+# Between neighbouring samples, a slow signal changes by fewer converter steps than this.
 FALL = 8.0
 # Multiple of the other samples' range; a logger's code for lost samples lies at least this far
 # away.

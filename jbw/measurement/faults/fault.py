@@ -19,9 +19,9 @@ class Fault:
 
     severity: str  # `error` if the record cannot be used, `warning` if it is doubtful
     channel: str  # role of the channel that has the fault
-    what: str  # what was found, with numbers
-    why: str = ""  # why it matters
-    remedy: str = ""  # what to do
+    what: str  # the finding, with numbers
+    why: str = ""  # the reason why the finding matters
+    remedy: str = ""  # the instruction that corrects the fault
     # Frequency [Hz] and damping ratio after the remedy; None where they cannot be determined.
     leaves: tuple[float, float] | None = None
     # Whether so many samples are wrong that no other fault can be searched in the record.

@@ -33,7 +33,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 
 
 def explained(fits: Fits, facts: Facts) -> Iterator[Fault]:
-    """Yield the faults that a fitted mode shows, and the one fault behind the fit's residual."""
+    """Yield the faults that a fitted mode shows, and the fault that best explains the residual."""
     yield from (seen := [fault for one in HYPOTHESES for fault in one.seen(fits, facts)])
     # Noise of the drive biases the damping, but leaves no residual that a fault could explain.
     if isinstance(fits, SweepFits) and seen:

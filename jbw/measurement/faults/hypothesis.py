@@ -82,7 +82,7 @@ class Hypothesis:
         yield from ()
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield columns that state how this fault changes the data near a fit of the joint."""
+        """Yield suspects: changes of the data that this fault causes near a fit of the joint."""
         yield from ()
 
 
@@ -136,7 +136,7 @@ def best_of(fits: Fits) -> ModeFit:
 
 
 def remainder(fits: Fits) -> LeftOver:
-    """Return the residual of the best fit of one mode to a record."""
+    """Return the residual of a record after the best fit of one mode."""
     best, signal = best_of(fits), fits.signal
     turned = best.residual
     if isinstance(fits, SweepFits):  # In the frame of the drive, a steady line rotates.

@@ -37,7 +37,7 @@ PLACES = np.linspace(0.03, 0.97, 16)
 SCANNED = 12  # number of times that are scanned between two of the tried times
 # Below this fraction of the largest motion, the lag is determined without an effect of the joint.
 QUIET = 0.4
-# smallest number of values below this motion, and the weight of all other values
+# smallest number of values before the motion exceeds QUIET, and the weight of all later values
 FEWEST, FAINT = 24, 1e-6
 OF_CYCLE = 0.125  # largest lag that is tried for a loop, as a fraction of a cycle
 # largest relative difference between the lags at small motion and in the whole record; a true lag
@@ -77,7 +77,7 @@ class Delay(_Lag):
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether a lag exceeds 1 % of a period, is no wrong sign, and exists early."""
+        """Return whether a lag exceeds 1 % of a period, is not a wrong sign, and is there early."""
         if not LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN:
             return False
         signal = fits.signal

@@ -137,7 +137,7 @@ class SwappedChannels(Hypothesis):
     name = "swapped channels"
 
     def suspects(self, misfit: Misfit) -> Iterator[Cause]:
-        """Yield, for each test, how well the mode predicts the input from the response."""
+        """Yield, for each test, the share of the misfit that exchanged channels would explain."""
         for label in misfit.missed:
             spectrum, norm = misfit.spectra[label], np.linalg.norm
             modelled = spectrum.factor * spectrum.measured / stiffness(misfit.theta, spectrum.omega)

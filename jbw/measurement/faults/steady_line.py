@@ -19,7 +19,8 @@ from jbw.report.messages.message import FaultText
 
 # fraction of the initial amplitude below which a line does not affect frequency and damping
 LEAST = 2e-3
-# largest line, relative to a decay's start; once the decay is down to a tenth, the error is 10 %
+# largest amplitude of a steady line, relative to the start of a decay; once the decay has fallen to
+# a tenth, the error is 10 %
 SPOILS = 0.01
 STANDS_OUT = 60.0  # smallest height above the local median of a sweep's residual
 

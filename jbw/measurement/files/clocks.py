@@ -76,14 +76,15 @@ def sampling_frequency(
     """
     if time.ndim != 1 or len(time) < 2:
         raise DataError(
-            f"Time channel `{name}` must hold at least two samples on one axis, "
-            f"but its shape is {time.shape}."
+            f"Time channel `{name}` must contain at least two samples on one axis, but its shape "
+            f"is {time.shape}.",
+            remedy="Name the channel that contains the times, or export the times as one column.",
         )
     seconds = np.asarray(time, np.float64) * factor
     every_quanta = [quanta * factor for quanta in _quanta(time)]
     if fs := _coarse_rate(seconds, every_quanta):
         raise DataError(
-            f"The times in channel `{name}` have too few digits to distinguish samples that are "
+            f"Time channel `{name}` has too few digits to distinguish samples that are "
             f"{1 / fs:.3g} s apart.",
             why="In times with too few digits, a lost sample cannot be detected.",
             remedy=messages.coarse_times(fs),

@@ -220,11 +220,11 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
             f"File `{file}` must contain two or more columns of numbers, but begins: {shown!r}.",
             why="A single column can be read only if its numbers contain a decimal point and no "
             "other mark.",
-            remedy="Export columns that are separated by tabs or semicolons, with a decimal point.",
+            remedy="Export columns that are separated by tabs or semicolons, with decimal points.",
         )
     if _is_ambiguous(lines, dialect):
         raise DataError(
-            f"File `{file}` may hold two columns of integers, or one column with a decimal comma; "
+            f"File `{file}` may be two columns of integers or one column with a decimal comma; "
             f"the file begins: {lines[dialect.first][:60]!r}.",
             remedy="Add a header line with the names of the columns, or use semicolons.",
         )
@@ -319,10 +319,10 @@ def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
     if values:
         broken = next(i for i in (*range(values[0], last), last) if words[i] or i not in wide)
         raise DataError(
-            f"File `{path}` cannot be read by the csv reader: line {broken + 1} breaks the table "
-            f"of {dialect.columns} columns: {header[broken][:60]!r}.",
+            f"File `{path}` cannot be read by the csv reader: line {broken + 1} does not fit the "
+            f"table of {dialect.columns} columns: {header[broken][:60]!r}.",
             why=f"The lines before line {broken + 1} contain numbers, and would be lost.",
-            remedy="Copy or export the file again, or correct the line.",
+            remedy=f"Copy or export the file again, or correct line {broken + 1}.",
         )
 
 
@@ -527,7 +527,7 @@ def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
 def _on_own_clocks(
     columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str], clocks: Sequence[int]
 ) -> list[Leaf]:
-    """Return columns as channels; if several columns are times, use the last one to the left.
+    """Return columns as channels, each with the nearest column of times to its left.
 
     Empty cells below the end of a shorter column, and those between the samples of a slower one,
     are no lost samples.

@@ -146,17 +146,13 @@ class Elements:
         """Skip the next element after a check that it contains `count` numbers."""
         code, content = self.element()
         if code not in NUMBERS or count not in (None, len(content) / NUMBERS[code]):
-            raise ValueError(
-                f"{len(content)} bytes of the data type {code} cannot contain {count} numbers"
-            )
+            raise ValueError(f"{count} numbers cannot have type {code} and {len(content)} bytes")
 
     def text(self, count: int) -> None:
         """Skip the next text, which may have more bytes than characters, or none at all."""
         code, content = self.element()
         if code not in WIDTHS or 0 < len(content) < count:
-            raise ValueError(
-                f"{len(content)} bytes of the data type {code} cannot contain {count} characters"
-            )
+            raise ValueError(f"{count} characters cannot have type {code} and {len(content)} bytes")
 
     def matrices(self, count: int) -> None:
         """Validate the next `count` matrices of a MATLAB file."""

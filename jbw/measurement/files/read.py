@@ -169,12 +169,12 @@ def _reader_of(path: Path) -> str:
     if suffix not in READERS:
         raise DataError(
             f"File `{path.name}` has the suffix `{suffix}`, for which there is no reader.",
-            remedy=EXPORTS.get(suffix, f"Readers: {', '.join(READERS)}."),
+            remedy=EXPORTS.get(suffix, f"Export one of these formats: {', '.join(READERS)}."),
         )
     if path.stat().st_size == 0:
         raise DataError(
             f"File `{path}` (0 bytes) cannot be read by the {_short(READERS[suffix])} reader.",
-            remedy="The file is empty: copy or export it again.",
+            remedy="The file is empty: copy or export the file again.",
         )
     return READERS[suffix]
 

@@ -103,7 +103,7 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
 def on_even_grid(
     rows: Repeats, item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[Repeats, str]:
-    """Resample a channel's rows to the requested rate and span; describe how."""
+    """Resample a channel's rows to the requested rate and span; describe the method."""
     fs = request.resample or 0.0
     resampled: Repeats = []
     how = ""
@@ -159,7 +159,7 @@ def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> Data
         remedy = messages.times_or_rate(_with_time(times[0], request))
     return DataError(
         "the sampling frequency is missing.",
-        why="The file does not state the sampling frequency, which cannot be guessed.",
+        why="The file does not state the sampling frequency, and the frequency cannot be guessed.",
         remedy=remedy,
     )
 

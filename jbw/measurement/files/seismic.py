@@ -20,8 +20,8 @@ def contents(path: Path) -> Iterator[Contents]:
     pieces = sorted({name for name in names if names.count(name) > 1})
     if pieces:
         raise DataError(
-            f"File `{path.name}` holds trace {pieces[0]} in {names.count(pieces[0])} pieces, with "
-            "gaps between them.",
+            f"File `{path.name}` contains trace {pieces[0]} in {names.count(pieces[0])} pieces, "
+            "with gaps between the pieces.",
             why="Spectra and sampled inputs need evenly spaced samples.",
             remedy="Write each piece of the trace into a separate file.",
         )

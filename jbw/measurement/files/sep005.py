@@ -80,7 +80,10 @@ def to_sep005(record: Record, names: Mapping[str, str] | None = None) -> list[di
         laser v m/s 512.0
     """
     if np.isnan(record.fs):
-        raise DataError(f"{record.name}: SEP-005 holds time series, but this is a response curve.")
+        raise DataError(
+            f"SEP-005 stores only time series, but record {record.name} is a response curve.",
+            remedy="Write the columns of the curve as CSV.",
+        )
     signals = []
     for role, samples in record.channels.items():
         name, unit = (names or {}).get(role, role), record.units[role]

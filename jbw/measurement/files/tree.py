@@ -67,7 +67,7 @@ class Opaque:
     """An item of a file that is no array of numbers."""
 
     kind: str  # description, for messages
-    remedy: str = ""  # how to export the item as numbers
+    remedy: str = ""  # instruction for exporting the item as numbers
     text: str = ""  # content of an item that is text, with one line per text
 
 

@@ -94,7 +94,7 @@ def _number(dataset: Mapping[str, Any], key: str) -> float:
 
 
 def _titles(sets: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the sets' names: first lines of identification, or labels if these say nothing."""
+    """Return the sets' names: first lines of identification or, if those do not differ, labels."""
     firsts = [_stated(dataset, "id1") for dataset in sets]
     labels = [_stated(dataset, "ordinate_axis_lab") for dataset in sets]
     first_lines_differ = len(set(firsts)) > 1 or len(sets) == 1
@@ -198,7 +198,7 @@ def write_uff(path: str | Path, record: Record) -> None:
             raise DataError(
                 f"Channel `{role}` must be finite, but {np.sum(~np.isfinite(samples))} of its "
                 f"{len(samples)} samples are not.",
-                why="The UFF file would contain zeros in place of these samples.",
+                why="The UFF file would contain zeros in place of samples that are not finite.",
                 remedy="Cut the record to a part in which all samples are finite.",
             )
     if path.suffix.lower() not in (".uff", ".unv"):

@@ -20,7 +20,9 @@ NARROWER = 0.7  # A narrower band replaces the given one if its width is below t
 FAST = 6.0  # smallest half width of a band, as a multiple of the square root of the sweep rate
 DRIVEN = 5e-3  # fraction of the drive's energy beyond either end of its sweep
 MARGIN = 0.15  # width added on either side, divided by the swept range
-MOST_VALUES = 20_000  # largest number of values of a thinned sweep; no mode needs a band with more
+MOST_VALUES = (
+    20_000  # largest number of values of a thinned sweep; no mode's band needs more values
+)
 
 
 def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) -> DecayFits | None:

@@ -19,9 +19,9 @@ from scipy.signal import fftconvolve
 
 from jbw.measurement.channels import Complexes, Reals
 
-# Smallest relative changes of the sum of squares and of steps. The second is for a mode that is
-# fitted together with a cause. With it the likelihood of n values is wrong by n / 10^4, which
-# matters little because a cause is named at a ratio of 25.
+# Smallest relative changes of the sum of squares and of steps. NEAR_BEST is for a mode that is
+# fitted together with a cause. The log likelihood of n values is then wrong by n / 10^4, which
+# matters little because a cause is reported at a likelihood ratio of 25.
 FULLY, NEAR_BEST = 1e-8, 1e-4
 SHIFT = 1e-7  # relative step of a cause's parameter for a finite difference
 # smallest ratio of an amplitude to the largest, since an amplitude of zero has no logarithm

@@ -32,7 +32,8 @@ RECORDS, AMPLITUDE = 1e-3, 1e-4
 SPREADS = np.geomspace(1e-7, 1.0, 141)
 # smallest ratio of largest to smallest amplitude at which an effect of amplitude is tested
 LEAST_RANGE = 1.2
-# smallest reported changes: of a frequency, relative and divided by zeta; of zeta, relative
+# smallest changes that are reported: relative change of the frequency, divided by zeta; relative
+# change of zeta
 LEAST = {"hz": 3e-3, "zeta": 5e-3}
 SURE = 3.5  # number of standard deviations by which a turning frequency must fall and rise again
 CERTAIN = 2.576  # half width of a 99 % interval in standard deviations
@@ -137,7 +138,7 @@ class _Estimate(NamedTuple):
 
 
 def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
-    """Return how `hz` or `zeta` depends on amplitude and differs between records.
+    """Return the dependence of `hz` or `zeta` on amplitude and its differences between records.
 
     Args:
         tables: Readings, one table per record.

@@ -47,7 +47,8 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
         raise ValueError(f"a LabVIEW measurement has two headers, but this has {len(ends)}")
     if len(ends) > 2:
         raise DataError(
-            f"File `{path.name}` holds {len(ends) - 1} segments of a LabVIEW measurement.",
+            f"File `{path.name}` contains {len(ends) - 1} segments of a LabVIEW measurement, but "
+            "only files of one segment can be read.",
             remedy="Write each segment into a separate file, or write all segments as TDMS.",
         )
     facts = _facts(lines[: ends[0]])

@@ -84,7 +84,10 @@ def register(law: Kind) -> Kind:
     if not is_law(law):
         raise ConfigError(f"A law must be a subclass of `Law`, but this is {law!r}.")
     if LAWS.get(law.name, law) is not law:
-        raise ConfigError(f"There is a law `{law.name}` already.")
+        raise ConfigError(
+            f"A law `{law.name}` is already registered.",
+            remedy="Give the new law another `name`.",
+        )
     _require_contract([law])
     LAWS[law.name] = law
     return law
@@ -121,7 +124,10 @@ def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
     owner: dict[str, str] = {}
     for kind in kinds:
         if kind.name in [other.name for other in kinds if other is not kind]:
-            raise ConfigError(f"There are two laws of the name `{kind.name}`.")
+            raise ConfigError(
+                f"Two different laws have the name `{kind.name}`.",
+                remedy="Give one of the two laws another `name`.",
+            )
         if kinds.count(kind) > 1:
             raise ConfigError(f"The law `{kind.name}` is named twice.")
         for name in kind.names():

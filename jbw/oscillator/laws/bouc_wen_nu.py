@@ -40,8 +40,8 @@ _ROUNDS = 2  # number of Newton steps that solve for the spring's stretch after 
 _NEAR = 0.03
 _TINY = 1e-9  # smallest slope of the force, relative to the slope at rest; it replaces zero
 _PARTS = 8  # number of parts into which a move along a record is divided
-# longest move in one of these parts, relative to the spring's stretch at which the slope vanishes,
-# and number of parts of a longer move
+# longest undivided move, relative to the spring's stretch at which the slope vanishes, and number
+# of parts into which a longer move is divided
 _SHORT, _MANY_PARTS = 0.05, 32
 # The search for the stretch at a steady loop's tip begins at or below this fraction of its limit.
 _INSIDE = 0.9
@@ -273,7 +273,7 @@ class BoucWenNu(Law):
     def missed(
         self, h: Scalar, start: tuple[Scalar, Scalar], end: tuple[Scalar, Scalar]
     ) -> tuple[Scalar, Scalar]:
-        r"""Return how $r' = -\alpha h v f$ near w = 0 changes v and y, for w linear in time.
+        r"""Return the changes of v and y by $r' = -\alpha h v f$ near w = 0, for w linear in time.
 
         Far from w = 0 the result would be rounding and is set to zero.
         """

@@ -175,7 +175,7 @@ class GapSeries(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        r"""Return the internal state after a step that may reverse, and how kinks change v and y.
+        r"""Return the state after a step that may reverse, and the changes of v and y by kinks.
 
         The constant is $c = \sigma(\gamma - \delta)$ at a release and $\sigma(\gamma + \delta)$ at
         a contact, whose jumps have the opposite sign:

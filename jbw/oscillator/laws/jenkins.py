@@ -165,7 +165,7 @@ class Jenkins(Law):
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: tuple[Scalar, ...]) -> tuple[Bool[Array, "..."], ...]:
-        """Return which sliders slip; their springs are stretched by exactly the slip limit."""
+        """Return a mask of slipping sliders; their springs are stretched by the slip limit."""
         pairs = zip(memory, self.phi, strict=True)
         return tuple(signed(x, v) >= phi for x, phi in pairs)
 
@@ -194,7 +194,7 @@ class Jenkins(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
-        """Return each spring's stretch after a step that may reverse, and how slips change v, y."""
+        """Return the springs' stretch after a step that may reverse, and the changes of v and y."""
         path = StepPath.through(ends, quartic)
         start = jnp.where(ends[0] == 0.0, ends[1], ends[0])
         # All sliders are treated at once, because they take several times as long to compile one by

@@ -137,7 +137,7 @@ class Masing(Law):
         return memory._replace(stack=memory.stack._replace(y=y, f=f))
 
     def guesses(self, memory: Branch) -> Scalar:
-        """Return how often the motion returned to load reversals that were no longer remembered."""
+        """Return the number of returns to load reversals that were no longer remembered."""
         return memory.stack.missed
 
     # -- for derivatives ---------------------------------------------------------------------------
@@ -199,7 +199,7 @@ class Masing(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
     ) -> tuple[Branch, Scalar, Scalar]:
-        """Return the internal state after a step with a reversal, and how kinks change v and y."""
+        """Return the state after a step with a reversal, and the changes of v and y by kinks."""
         start, end, rise = ends
         # A motion that starts against the branch's direction stems from the correction at the end
         # of the step before. Such a motion is too short for a reversal.
@@ -220,7 +220,7 @@ class Masing(Law):
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):
-        """Yield how loop closure and the virgin curve's kink change v and y before a reversal."""
+        """Yield changes of v and y before a reversal: by loop closure and the virgin kink."""
         after, closing = first.end, jnp.asarray(first.popped > 0.5)
 
         def closure():

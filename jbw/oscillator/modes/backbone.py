@@ -119,7 +119,7 @@ def modal_backbone(
         first = float(np.asarray(amplitude)[~np.asarray(good)].min())
         motion = "a joint displacement" if is_one_joint else "an amplitude"
         raise ModelError(
-            f"The backbone of mode {mode} was not found at {motion} of {first:g} m.",
+            f"No point of the backbone of mode {mode} was found at {motion} of {first:g} m.",
             why="The backbone has a fold at this amplitude, for example near an internal "
             "resonance, or a joint reverses more often in a period than `max_turns` allows.",
             remedy="Use smaller amplitudes, look at `internal_resonances`, or raise `max_turns`.",

@@ -355,7 +355,7 @@ def half_bend(at: Begun, a: Scalar) -> Scalar:
 
 
 def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
-    """Return how the second time derivatives of other joints' forces change one joint's x and v."""
+    """Return the changes of a joint's x and v by second derivatives of other joints' forces."""
     if not half_bends:
         return ()
     pairs = list(zip(joint.by_others, half_bends, strict=True))
@@ -363,7 +363,7 @@ def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
 
 
 def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-    """Return, for each joint, how second time derivatives of the others' forces change x and v."""
+    """Return the changes of all joints' x and v by second derivatives of other joints' forces."""
     return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
 
 

@@ -142,8 +142,8 @@ def admitted(structure: Structure) -> Structure:
             raise ConfigError(
                 f"Field `{name}` of a `Structure` must have one number per mode, but is "
                 "missing.",
-                remedy=f"Give `{name}`, " + ("0 where nothing pushes." if name == "b" else
-                "1 for the sum of the modal coordinates."),
+                remedy=f"Give `{name}`: " + ("0 for a mode that the source does not push."
+                if name == "b" else "1 for every mode if the response sums the modal coordinates."),
             )  # fmt: skip
     if structure.p is None:
         structure = replace(structure, p=jnp.asarray(structure.h).T)
@@ -284,8 +284,8 @@ def _require_rigid(omega_n: np.ndarray, h: np.ndarray) -> None:
             f"Field `omega_n` of a `Structure` must be greater than 0 for every mode that moves a "
             f"joint, but mode {mode} has omega_n = 0 and moves joint {joint} by "
             f"{h[joint, mode]:g}.",
-            why="With all joints stuck, a mode that moves a joint is restrained by the joint "
-            "itself.",
+            why="A fully stuck joint restrains every mode that moves the joint, so that omega_n is "
+            "positive.",
             remedy="Use the modes of the structure including the stiffness of the joints.",
         )
 

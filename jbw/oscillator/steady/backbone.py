@@ -154,7 +154,7 @@ def _require_loops(joint: Any) -> None:
     """Raise if a law has no equivalent stiffness and damping at a given amplitude."""
     require_contracts(joint)
     for law in joint.laws:
-        if not law.is_even:  # `Oscillator.loop` includes their second-order effect
+        if not law.is_even:  # `Oscillator.loop` includes the second-order effect of even laws
             law.check_periodic()
 
 

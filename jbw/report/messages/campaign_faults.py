@@ -106,7 +106,7 @@ def motion_of_metres(motion: float, hz: float) -> FaultText:
     """Return the message on an implausibly large motion [m] at a spectral line [Hz]; 0 if none."""
     line = f" at its strongest line, {hz:.3g} Hz" if hz else ""
     return FaultText(
-        f"The motion would be {number(motion)} m{line}.",
+        f"In the stated units, the motion is {number(motion)} m{line}.",
         "Joints in laboratories and machines move by centimetres at most.",
         "Correct the unit of the channel, the unit of `time`, or `fs`.",
     )
@@ -152,7 +152,7 @@ def no_line_in_band(lines: tuple[float, float], band: Sequence[float]) -> FaultT
     return FaultText(
         f"No point of the response curve, {lines[0]:.4g} to {lines[1]:.4g} Hz, lies in `band` = "
         f"[{band[0]:g}, {band[1]:g}] Hz.",
-        remedy="Correct `band`, or the unit of frequency, which may be rad/s.",
+        remedy="Correct `band`, or the unit of `frequency`, which may be rad/s.",
     )
 
 
@@ -224,8 +224,8 @@ def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
     return FaultText(
         f"The `level` of test `{test}` is {ratio:.3g} times that of `{other}`, but its drive is "
         f"{smaller:.3g} times smaller, and its response is smaller too.",
-        "The levels, or the files, of the two tests are interchanged.",
-        "State the level that each test was measured at.",
+        f"The levels or the files of tests `{test}` and `{other}` are interchanged.",
+        f"Correct `level` or `files` of tests `{test}` and `{other}`.",
     )
 
 

@@ -4,7 +4,7 @@ from jbw.report.messages.message import FaultText, number, percent
 
 
 def lost_block(at_s: float, jump_s: float, keep: str) -> FaultText:
-    """Return the message that the response's lag jumps [s], and how to keep what comes before."""
+    """Return the message that the response's lag jumps [s]; the remedy keeps the part before."""
     ahead = "ahead of" if jump_s < 0 else "behind"
     return FaultText(
         f"At {at_s:.3g} s the response jumps by {abs(jump_s):.3g} s {ahead} the drive: one of the "
@@ -17,7 +17,8 @@ def lost_block(at_s: float, jump_s: float, keep: str) -> FaultText:
 def another_clock(slope: float, change_s: float | None = None) -> FaultText:
     """Return the message that two clocks differ [s/s], with the resulting change of lag [s]."""
     fast = "fast" if slope > 0 else "slow"
-    change = "" if change_s is None else f": their lag changes by {change_s:.2g} s along the record"
+    lag = "the lag between the two channels"
+    change = "" if change_s is None else f": {lag} changes by {change_s:.2g} s along the record"
     return FaultText(
         f"The clock of the response runs {number(abs(1e6 * slope), '.2g')} ppm {fast} compared "
         f"with that of the drive{change}.",
@@ -41,7 +42,7 @@ def another_delay(lag_s: float, stated_s: float | None = None) -> FaultText:
 
 
 def drop_off(share: float, noise: float) -> FaultText:
-    """Return the message that the drive drops at the resonance, with its fraction of noise."""
+    """Return the message that the drive drops at the resonance, with the noise-to-drive ratio."""
     return FaultText(
         f"At the resonance the drive falls to {share:.2g} times its usual level, and "
         f"{percent(noise, '.0f')} of the measured drive is then noise.",

@@ -28,7 +28,7 @@ MESSAGES = (
     ),
     Message(
         "non_finite",
-        "{count} draws of {name} are not finite.",
+        "{count} draws of the parameter {name} are not finite.",
         """
         Check: whether every draw of every parameter is a finite number.
 
@@ -124,9 +124,9 @@ MESSAGES = (
         "between them too seldom to determine their weights: the share of the draws in the first "
         "mode, {weight:.0f %}, depends on where the chains started.",
         """
-        Check: where a deep valley separates the draws of a quantity into two modes, whether
-        chains cross it often enough to determine the weights of the modes. Where they do not, the
-        share of draws in a mode depends on where the chains started.
+        Check: whether the chains cross the deep valley between two modes of a posterior often
+        enough to determine the weights of the modes. If the chains cross the valley too seldom,
+        the share of draws in a mode depends on where the chains started.
 
         Remedy: `sampler = "tempered_smc"` or `"nested"` in `[identify]` determines the weights of
         modes.
@@ -309,7 +309,7 @@ MESSAGES = (
         "deviations; this must be below {limit:g}.",
         """
         Check: the change of the log likelihood over the posterior when the solver's step is
-        halved; less than 0.1 of a standard deviation of any posterior mean.
+        halved. The change must move every posterior mean by less than 0.1 standard deviations.
 
         Remedy: set `substeps` in `[identify]` to twice its value.
         """,

@@ -34,7 +34,7 @@ def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
 
 
 def read_from_blow(test: str, first: str, last: str, count: int, of: int) -> str:
-    """Return the message that records begin before their blows, and which part is used."""
+    """Return the message that records begin before their blows and are used after the blows."""
     when = first if first == last else f"{first} to {last}"
     return (
         f"{test}: in {count} of {of} records the blow comes {when} after the start; each "

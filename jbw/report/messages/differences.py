@@ -102,7 +102,8 @@ def records_scatter(spreads: Mapping[str, Mapping[str, float]]) -> str:
 def sessions_scatter(spreads: Mapping[str, tuple[str, str]]) -> str:
     """Return the sentence on how natural frequency and damping vary between a run's sessions."""
     shown = "; ".join(
-        f"{run} {omega} of omega_n and {zeta} of zeta" for run, (omega, zeta) in spreads.items()
+        f"{omega} for omega_n and {zeta} for zeta in run {run}"
+        for run, (omega, zeta) in spreads.items()
     )
     return (
         f"The sessions of a campaign vary (standard deviations: {shown}). The intervals are those "

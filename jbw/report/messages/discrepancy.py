@@ -41,8 +41,8 @@ UNSCORED = {
 }
 WITHHELD = (
     "The bands of tests and of measurements are withheld: the error of the law exceeds noise, "
-    "and no run that is left out of the fit determines this error at the amplitude of these "
-    "tests. Fit a test of the same level"
+    "and no left-out run determines this error at the amplitude of these tests. Fit a test of the "
+    "same level"
 )
 FIT_THAT_LEVEL = "Fit a test of the level whose bands are withheld."
 

@@ -43,9 +43,10 @@ def several_folders(folders: Sequence[str]) -> tuple[str, str, str]:
 def other_records(path: str) -> tuple[str, str, str]:
     """Return the message that an existing campaign file has the draft's name but other records."""
     return (
-        f"The campaign file of these records would be `{path}`, but this file names other records.",
-        "A campaign file is not overwritten.",
-        f"Name `{path}` instead of the records, or rename this file.",
+        f"The campaign file for the given records must be `{path}`, but `{path}` exists and names "
+        "other records.",
+        "An existing campaign file is not overwritten.",
+        f"Name `{path}` instead of the records, or rename `{path}`.",
     )
 
 
@@ -64,7 +65,7 @@ def drafted(path: str) -> str:
 
 def drafted_before(path: str) -> str:
     """Return the message that a campaign file for these records exists already."""
-    return f"The campaign file {path} names these records, and is used."
+    return f"The existing campaign file {path} names the given records, and is used."
 
 
 def guessed_kind(kind: str) -> str:

@@ -43,8 +43,8 @@ def _share(quantiles: Sequence[float]) -> str:
 def known_together(y: float, frequency: float, damping: float) -> str:
     """Return the sentence on the accuracy of frequency and damping if parameters trade off."""
     return (
-        f"The combined effect of these parameters is identified: at {1000.0 * y:.2g} mm the "
-        f"change of frequency is known to {percent(frequency, '.0f')} and the damping to "
+        f"The combined effect of the unidentified parameters is identified: at {1000.0 * y:.2g} mm "
+        f"the change of frequency is known to {percent(frequency, '.0f')} and the damping to "
         f"{percent(damping, '.0f')} (half widths of the 99 % intervals). Use products and "
         "responses instead of single parameters, and stay near the fitted amplitudes."
     )

@@ -36,7 +36,7 @@ A_SCALAR = "a scalar, which is an array without axes"
 FINITE = "finite"
 SMOOTH_AT_REST = "differentiable at rest, with finite slopes"
 PROPORTIONAL = "proportional to the velocity"
-INTEGRAL_OF_RATE = "the integral of `rate`, with the same force [N/kg] after a move"
+INTEGRAL_OF_RATE = "the integral of `rate`, so that both lead to the same force [N/kg]"
 SLOPE_AT_REST = "the slope of `force` at rest"
 DIFFERENCE_OF_RECORDS = "differentiable, with the derivative that finite differences give"
 ODD = "odd in the motion, unless `check_periodic` refuses the law"
@@ -128,8 +128,7 @@ def modes_explained(
     )
     does = "explain" if is_explained else "do not explain"
     return (
-        f"At small motion these joints {does} frequency and damping of the {num_modes} modes. "
-        f"{rows}."
+        f"At small motion the joints {does} frequency and damping of the {num_modes} modes. {rows}."
     )
 
 

@@ -38,19 +38,20 @@ EVERY, NONE, NEITHER = "every law", "no law", "neither"  # laws that were tried 
 def tried_at_joints(
     alike: Sequence[str], own: Sequence[str], num_changed: int, which: str, most: int
 ) -> str:
-    """Return the sentence on which laws were tried if there are several joints."""
+    """Return the sentences that list the compared laws if there are several joints."""
     sentences = [f"Compared laws, each at all joints: {', '.join(alike)}."] if alike else []
     sentences += [f"Compared laws, as the campaign states them: {', '.join(own)}."] if own else []
     sentences += {
         EVERY: [
-            f"In addition {num_changed} combinations were compared that have another law at one "
-            "joint."
+            f"In addition, {num_changed} combinations were compared in which one joint has another "
+            "law."
         ],
         NONE: [
-            f"In addition {num_changed} combinations were compared that have one joint fully "
-            f"stuck (another law at one joint would make more than {most} combinations)."
+            f"In addition, {num_changed} combinations were compared in which one joint is fully "
+            "stuck. Combinations in which one joint has another law were not compared, because "
+            f"there are more than {most}."
         ],
-        NEITHER: ["No combination with another law at one joint was compared."],
+        NEITHER: ["No combination of laws was compared in which one joint has another law."],
     }[which]
     return " ".join(sentences)
 

@@ -42,9 +42,8 @@ def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: boo
         )
     if withheld:
         yield (
-            f"{what} has no 99 % band, because the error of the law exceeds noise, and no run "
-            "that is left out of the fit determines this error at this amplitude. Fit a test "
-            "of this level."
+            f"{what} has no 99 % band, because the error of the law exceeds noise, and no left-out "
+            "run determines this error at the predicted amplitude. Fit a test of the same level."
         )
 
 

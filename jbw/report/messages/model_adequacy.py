@@ -396,7 +396,7 @@ def _fits(growth: float) -> str:
 
 
 def _others(scatters: Sequence[tuple[str, float]]) -> str:
-    """Return standard deviations between records, of quantities in addition to the first one."""
+    """Return the standard deviations between records of all quantities except the first."""
     listed = ", ".join(f"{name} by {percent(scatter)}" for name, scatter in scatters)
     return f" ({listed})" if scatters else ""
 

@@ -80,8 +80,8 @@ def rejected(clauses: str) -> str:
 def hardly_seen(name: str) -> str:
     """Return the message that a mode hardly moves the first response point."""
     return (
-        f"{name} hardly moves the first response point: the shares of its losses cannot be "
-        "determined."
+        f"{name} hardly moves the first response point. The joints' shares of the losses in this "
+        "mode cannot be determined. Measure the response at a point that the mode moves."
     )
 
 
@@ -116,8 +116,8 @@ def numbered(mode: int, hz: float) -> str:
 
 MOTION_FACTOR = "measured motion relative to the structural model"
 LAWS_BY_MODEL = (
-    "If no factor is stated for a joint in a mode, the motion of the joint is taken from the "
-    "matrices; the laws of the joint refer to the motion in the modes without a factor."
+    "In every mode without a factor for a joint, the matrices determine the motion of the joint. "
+    "The laws of the joint refer to this motion."
 )
 
 

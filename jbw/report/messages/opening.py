@@ -20,7 +20,10 @@ SPREAD = (
     "repeats are fitted."
 )
 NAMED = 6  # largest number of tests that a list names
-NO_GRADES = "The result of this run does not state which parameters are identified."
+NO_GRADES = (
+    "The result of this run does not state which parameters are identified. Look at the findings "
+    "of the run."
+)
 NOTHING_TO_DO = "To do next: nothing; the result can be used."
 STATUS = {
     "ok": "The main posterior can be used.",
@@ -56,7 +59,7 @@ def doubtful(doubt: str) -> str:
 
 
 def split(fitted: Sequence[str], held_out: Sequence[str], *, some_repeats: bool) -> str:
-    """Return the sentence on what was fitted and held out, and how repeats were chosen."""
+    """Return the sentence on fitted tests, held-out tests and the choice of repeats."""
     said = f"Fitted: {_some(fitted)}. Held out: {_some(held_out) if held_out else 'nothing'}."
     return f"{said} {SPREAD}" if some_repeats else said
 
@@ -75,6 +78,17 @@ def effect(least: float, most: float, unit: str, changes: str) -> str:
     """Return the sentence on the effect of the joint between two amplitudes."""
     low, high = number(least, ".2g"), number(most, ".2g")
     return f"From {low} to {high} {unit} of motion the joint {changes}."
+
+
+def contradicted(y: float, unit: str, modelled: str, measured: str) -> str:
+    """Return the sentence that the law's damping differs from the damping of the records."""
+    return (
+        f"At {number(y, '.3g')} {unit} the law has a damping ratio of {modelled}, but the records "
+        f"show {measured} without a law: do not use the law near this amplitude. The law may be "
+        "wrong (compare laws: jbw laws), the joint may differ between records (identify each day "
+        "and torque separately), or another mode may move the joint too (leave out the beginning "
+        "of decays by `settle`)."
+    )
 
 
 def joints_effect(mode: int, frequency: str, damping: str) -> str:
@@ -153,7 +167,7 @@ def of_unknown_mass(stiffness: str, interval: str, *, is_rotation: bool) -> str:
     """Return the sentence on a stuck joint's stiffness if no test determines the modal mass."""
     mass, unit = ("inertia", "N m/rad") if is_rotation else ("mass", "N/m")
     return (
-        f"The stiffness of the fully stuck joint is {stiffness} {interval} {unit}. These tests do "
+        f"The stiffness of the fully stuck joint is {stiffness} {interval} {unit}. The tests do "
         f"not determine the modal {mass}: the parameters are those of 1 kg{' m^2' * is_rotation}."
     )
 

@@ -106,7 +106,7 @@ def not_reached(
 
 
 def together(note: str) -> str:
-    """Return the sentence on what the recommended tests do not determine."""
+    """Return the line on the quantities that all recommended tests together do not determine."""
     return f"  With all these tests together, {note}."
 
 

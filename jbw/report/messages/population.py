@@ -140,7 +140,7 @@ def sampling_stage(num_units: int, num_weighed: int) -> str:
 
 def without_stage(number: int, total: int) -> str:
     """Return the progress message of the check whether a unit belongs to the population."""
-    return f"Population without one unit that may not belong to it: {number} of {total}"
+    return f"Fit of the population without a doubtful unit: {number} of {total}"
 
 
 def one_stage(num_units: int, num_samples: int) -> str:

@@ -103,7 +103,7 @@ def products_sampled(most: Sequence[str], last: str, names: Sequence[str], meani
 
 
 def test_left_out(name: str, why: str) -> str:
-    """Return the message on a test that cannot be used, and why."""
+    """Return the message that a test cannot be used, with the reason."""
     return f"Test {name} is left out: {why}"
 
 

@@ -16,7 +16,10 @@ WIDER_WITHOUT = (
 )
 IN_GRADE = "The grade of the law already includes the error of these predictions."
 NOT_PREDICTED = "The law does not predict tests that were not fitted."
-FIT_MISSED = "Fit these tests too, or look for a difference between the tests: jbw look."
+FIT_MISSED = (
+    "Fit the tests that the law does not predict, or look for a difference between the tests: "
+    "jbw look."
+)
 
 
 def across_kinds(

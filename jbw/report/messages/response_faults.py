@@ -16,7 +16,7 @@ NEGATIVE_AMPLITUDE = FaultText(
 )
 RISING_PHASE = "its phase rises with frequency"
 GIVES_ENERGY = "the force extracts energy"
-STATE_BAND = "State the frequencies around this mode, with no other mode between them."
+STATE_BAND = "State a `band` around the mode of the joint that contains no other mode."
 
 
 def drifting(tones: str, change: float) -> FaultText:
@@ -25,7 +25,7 @@ def drifting(tones: str, change: float) -> FaultText:
         f"{tones}: the amplitude changes by {percent(change, '.1f')} from one half of the "
         "record to the other.",
         "The record still contains a transient, or the stated frequency is not exact.",
-        "Raise settle, or correct tones.",
+        "Raise `settle`, or correct `tones`.",
     )
 
 

@@ -100,6 +100,11 @@ def later_round(what: str, number: int) -> str:
     return f"{what}, round {number}: drawn again, because chains disagreed or draws were too few"
 
 
+def evaluated(line: str, count: int) -> str:
+    """Return a line on a running stage, with the number of model evaluations in this stage."""
+    return f"{line}, {count:,} model evaluations"
+
+
 def effective(size: float, needed: float) -> str:
     """Return the phrase on the effective draws so far and the number needed."""
     return f"{size:,.0f} effective draws; at least {needed:,.0f} are needed"

@@ -84,7 +84,7 @@ def verdict_of(campaign: str, status: str, why: str) -> str:
 
 
 def exported_draw(number: int, count: int, why: str, mass: float) -> str:
-    """Return the line on which draw is exported, with the modal mass [kg]."""
+    """Return the line with the number of the exported draw, its reason and the modal mass [kg]."""
     return (
         f"Joint: draw number {number} of {count} (counted from 0), {why}; modal mass {mass:g} kg."
     )
@@ -134,17 +134,17 @@ def joint_place(
     spring = f"the stiffness of the fully stuck joint is {stiffness[0]:.6g} {stiffness[1]}"
     if not has_law:
         held = (
-            "The model contains this stiffness as a spring."
+            f"The model contains the stiffness of joint {name} as a spring."
             if is_held
-            else "The model does not contain this stiffness: add a spring."
+            else f"The model does not contain the stiffness of joint {name}: add a spring."
         )
         return f"{place}. Joint {name} has no law and is not in these files; {spring}. {held}"
     if is_held:
         return (
-            f"{place}; {spring}. The model contains this stiffness as a spring, which the "
-            "exported joint replaces."
+            f"{place}; {spring}. The model contains the stiffness of joint {name} as a spring, "
+            "which the exported joint replaces."
         )
-    return f"{place}; {spring}. The model has no spring at this place."
+    return f"{place}; {spring}. The model has no spring at joint {name} that must be removed."
 
 
 def joint_in_si(name: str, motion_unit: str, force_unit: str) -> str:

@@ -17,8 +17,8 @@ LOOPS = "Areas of the hysteresis loops"
 CYCLES = "Force loops, cycle by cycle"
 MODES_IN_STICK = "Modes with fully stuck joints"
 JOINTS = (
-    "Each joint's share in every mode, at the mode's largest motion and in the mode shape "
-    "at that motion"
+    "Each joint's share of the energy, losses and softening in every mode, at the mode's largest "
+    "motion and in the mode shape at that motion"
 )
 WITHHELD = "withheld"  # cell of a test whose band is not shown
 MATRIX_B = (

@@ -40,7 +40,7 @@ def torque_change(before: float, after: Estimate, *, within_fleet: bool, is_expl
     middle, low, high = after
     way = "fall" if middle < before else "rise"
     phrase = (
-        f", as after a {way} of the torque from {before:.3g} to {middle:.3g} N m "
+        f", which corresponds to a {way} of the torque from {before:.3g} to {middle:.3g} N m "
         f"[{low:.3g}, {high:.3g}]"
     )
     if not within_fleet:

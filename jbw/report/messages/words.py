@@ -29,9 +29,10 @@ WORDS: dict[tuple[str, ...], str] = {
         "counts them."
     ),
     ("prior", "prior bounds", "box"): (
-        "The probability of a parameter before the data: by default uniform between two bounds, "
-        "together a box. State other priors under `[identify.prior]`. A parameter at a bound is "
-        "truncated by the prior: the data allow values beyond the bound."
+        "The probability density of a parameter before the data are used. By default it is uniform "
+        "between two bounds; the bounds of all parameters form a box. State other priors under "
+        "`[identify.prior]`. The prior truncates a parameter at a bound: the data allow values "
+        "beyond the bound."
     ),
     ("identified", "not identified", "grade"): (
         "Whether the data constrain a parameter. If they do not, its interval is that of the "
@@ -258,8 +259,8 @@ WORDS: dict[tuple[str, ...], str] = {
     ("test", "kind", "level", "record", "role", "run", "name", "test and repeats"): (
         "A test is one excitation of one kind at one level (amplitude of the source, in its "
         "unit); its records are the repeats. A role states the quantity of a channel, such as "
-        "velocity. A run is a session: tests between which nothing was dismantled; elsewhere it is "
-        "the folder of a result."
+        "velocity. In a campaign, a run is a session: tests between which nothing was dismantled. "
+        "In commands, a run is the folder of a result."
     ),
     ("records", "repeats"): ("How many records a test has."),
     ("fs",): ("Sampling frequency [Hz]."),
@@ -375,9 +376,9 @@ WORDS: dict[tuple[str, ...], str] = {
         "probability that nothing has changed, and the alarm."
     ),
     ("input", "time", "CV worst"): (
-        "Columns of `jbw plan`: amplitude of the source, duration of the test, and the "
-        "coefficient of variation that a parameter is expected to have after it, in the worst "
-        "tenth of the joints that are still possible."
+        "Columns of `jbw plan`: amplitude of the source, duration of the test, and the expected "
+        "coefficient of variation of a parameter after the test, in the worst tenth of the joints "
+        "that agree with the present knowledge."
     ),
     ("backbone",): (
         "Natural frequency against amplitude of the free motion. As a kind of test "
