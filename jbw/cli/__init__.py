@@ -164,7 +164,7 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
     following = next_command(arguments, str(error))
     if following and isinstance(error, RunError):
         # The disk is at fault and not the input, so the same command works once there is space.
-        following = f"jbw {shlex.join(arguments)}, once the error is corrected"
+        following = f"jbw {shlex.join(arguments)}, after the correction"
     click.echo(f"Error: {error}", err=True)
     if following:
         click.echo(f"Next: {following}", err=True)
@@ -181,7 +181,7 @@ def next_command(arguments: Sequence[str], message: str) -> str | None:
     command, rest = arguments[0], arguments[1:]
     campaign = next((word for word in rest if word.endswith(".toml")), None)
     if command == "check" and campaign:
-        return f"jbw check {shlex.quote(campaign)}, once the error is corrected"
+        return f"jbw check {shlex.quote(campaign)}, after the correction"
     if command in OF_CAMPAIGNS and campaign:
         return f"jbw check {shlex.quote(campaign)}"
     folder = next((word for word in rest if not word.startswith("-")), None)

@@ -130,7 +130,7 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
     if checked.exit_code == 0:
         following("look", campaign)
     else:
-        following("check", campaign, ", once the errors are corrected")
+        following("check", campaign, ", after the correction")
     return checked.exit_code
 
 

@@ -92,7 +92,7 @@ def test_after_a_full_disk_the_same_command_comes_again(monkeypatch, capsys):
     monkeypatch.setattr("jbw.cli.cli.main", full)
     assert run(["identify", "my beam.toml", "--out", "run"]) == RunError.exit_code
     stderr = capsys.readouterr().err
-    assert "Next: jbw identify 'my beam.toml' --out run, once the error is corrected" in stderr
+    assert "Next: jbw identify 'my beam.toml' --out run, after the correction" in stderr
     assert "jbw check" not in stderr
 
 
@@ -190,7 +190,7 @@ def test_a_command_returns_its_exit_code(monkeypatch):
     ("arguments", "following"),
     [
         (["identify", "a b.toml"], "jbw check 'a b.toml'"),
-        (["check", "x.toml"], "jbw check x.toml, once the error is corrected"),
+        (["check", "x.toml"], "jbw check x.toml, after the correction"),
         (["predict", "run", "--tone", "3"], "jbw identify CAMPAIGN.toml --out run"),
         (["demo"], "jbw demo --help"),
         ([], None),

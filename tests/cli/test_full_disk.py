@@ -69,5 +69,5 @@ def test_a_figure_that_cannot_be_written_is_said_and_leaves_nothing(
     assert "cannot be written" in stderr
     assert "File too large." in stderr
     # The place is at fault and not the campaign.
-    assert f"Next: jbw {' '.join(words)}, once the error is corrected" in stderr
+    assert f"Next: jbw {' '.join(words)}, after the correction" in stderr
     assert not list(folder.rglob("*.p*ng*"))
