@@ -131,6 +131,8 @@ PASTED = {
     ("report/messages/response_faults.py", "level"): DRIVEN,
     ("report/messages/response_faults.py", "remove_mean"): DRIVEN,
     ("report/messages/response_faults.py", "scale"): LOOPS,
+    ("report/messages/response_faults.py", "units"): CHECKS
+    + "test_a_phase_in_degrees_keeps_the_units_of_other_channels",
     ("report/messages/convergence.py", "budget_s"): AT_ONCE,
     ("report/messages/convergence.py", "coordinates"): PAGES,
     ("report/messages/convergence.py", "num_chains"): AT_ONCE,

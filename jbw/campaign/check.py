@@ -503,7 +503,7 @@ def _stated(
 ) -> Iterator[Fault]:
     """Yield warnings about keys that a test states or lacks, judged by its first record.
 
-    Several modes are searched only in a record without other `faults`, which may look like modes.
+    Several modes are searched unless one of the record's `faults` explains its residual.
 
     `jbw look` also reads decays without a band; an identification leaves them out.
     """
@@ -512,7 +512,8 @@ def _stated(
     yield from _too_short(record, test)
     driven = test.traits.is_transient and test.traits.is_driven
     is_whole = spec.structure is None and spec.assembled is None
-    if driven and test.band is None and is_whole and not faults:
+    is_unnamed = all(fault.leaves is None for fault in faults)
+    if driven and test.band is None and is_whole and is_unnamed:
         yield from responses.several_resonances(record)
     if test.traits.is_prescribed:
         loop = forced_loop(record, test.delay)

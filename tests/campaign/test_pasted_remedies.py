@@ -114,7 +114,7 @@ def test_decays_are_read_from_their_own_blows_on(tmp_path):
     ("edit", "key"),
     [
         (driven, "settle"),
-        (hit_twice, "exclude"),
+        (hit_twice, "span"),
         (windowed, "window_s"),
         (hummed, "lines_hz"),
     ],
@@ -240,7 +240,7 @@ def test_what_comes_before_a_second_blow_may_be_kept(tmp_path):
     path = written(tmp_path, hit_late)
     text = path.read_text()
     (fault,) = faults(path)
-    exclude, span = LINE.findall(fault.remedy)
+    span, exclude = LINE.findall(fault.remedy)
     assert exclude == 'exclude = ["decay_1.npz"]'
     assert float(span.split()[-1].rstrip("]")) == pytest.approx(4.5, abs=0.1)
     path.write_text(with_line(text, span))
@@ -552,7 +552,7 @@ def test_the_band_of_one_mode_is_proposed_for_a_sweep_over_two(tmp_path):
     of_two_modes(path, 0.0)
     assert faults(path) == []
     of_two_modes(path, 2.5)
-    fault, unexplained = sorted(faults(path), key=lambda fault: "explains" in fault.what)
+    fault, unexplained = sorted(faults(path), key=lambda fault: "explained neither" in fault.what)
     assert "outside 9.6 to 14 Hz" in fault.what or "outside 25 to 37 Hz" in fault.what
     assert "`band` may contain several modes" in unexplained.remedy
     pasted(path, [fault.remedy])
