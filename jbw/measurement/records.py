@@ -1,5 +1,6 @@
 """Measurement records: the channels that a data-acquisition system saves, in SI units."""
 
+import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -41,6 +42,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "time": ("time",),
 }
 ROLES = tuple(QUANTITIES)
+NUMBERED = re.compile(r" \(\d+\)")  # addition to the name of a further test of one name
 COUNTED = "none: samples of a loop without times are counted"
 # Largest relative difference of two clocks: quartz is accurate to 1e-5 or better, a
 # microcontroller's timer to 1e-4.
@@ -196,8 +198,13 @@ class Test:
 
 
 def belongs_to(label: str, name: str) -> bool:
-    """Return whether a label equals the name of a run or group, or starts with it and a space."""
-    return label == name or label.startswith(f"{name} ")
+    """Return whether a label is the name of a run or group, or such a name with an addition.
+
+    `sweep 3` belongs to `sweep`; `sweep (2)` does not, because it is the second test of this name.
+    """
+    addition = label.removeprefix(name)
+    is_longer = addition != label and addition.startswith(" ")
+    return label == name or (is_longer and NUMBERED.match(addition) is None)
 
 
 def share_clock(fs: float, other_fs: float) -> bool:

@@ -11,7 +11,7 @@ from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.campaign.load import load_campaign
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.hdf5 import write_hdf5
-from jbw.measurement.records import Record
+from jbw.measurement.records import Record, belongs_to
 
 FS = 1024.0
 N = 4096
@@ -305,3 +305,18 @@ def test_campaign_needs_no_jax():
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False)
     assert ended.stderr.strip() == b""
+
+
+@pytest.mark.parametrize(
+    ("label", "name", "belongs"),
+    [
+        ("sweep", "sweep", True),
+        ("sweep 3", "sweep", True),
+        ("sweep (2)", "sweep", False),  # the second test of this name
+        ("sweep (2) 3", "sweep", False),
+        ("sweep (2) 3", "sweep (2)", True),
+        ("sweeps", "sweep", False),
+    ],
+)
+def test_a_second_test_of_a_name_is_no_record_of_the_first(label, name, belongs):
+    assert belongs_to(label, name) == belongs

@@ -84,10 +84,10 @@ def contradicted(y: float, unit: str, modelled: str, measured: str) -> str:
     """Return the sentence that the law's damping differs from the damping of the records."""
     return (
         f"At {number(y, '.3g')} {unit} the law has a damping ratio of {modelled}, but the records "
-        f"show {measured} without a law: do not use the law near this amplitude. The law may be "
-        "wrong (compare laws: jbw laws), the joint may differ between records (identify each day "
-        "and torque separately), or another mode may move the joint too (leave out the beginning "
-        "of decays by `settle`)."
+        f"show {measured} without a law: do not use the law near this amplitude. Another mode may "
+        "move the joint too (leave out the beginning of decays by `settle`), the joint may differ "
+        "between records (identify each day and torque separately), or the law may be wrong "
+        "(compare laws: jbw laws)."
     )
 
 
