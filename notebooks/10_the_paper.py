@@ -445,8 +445,6 @@ for ax, level in zip(axes, ("0p02V", "0p05V", "0p10V"), strict=True):
 # displacement. (At the lowest level the figure shows mainly the laser's noise, differentiated.)
 #
 # ## Table 1, with the true values
-#
-# ## Table 1, with the truth beside it
 
 # %%
 ROWS = {

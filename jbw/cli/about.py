@@ -13,6 +13,7 @@ from click.shell_completion import get_completion_class
 from jbw.cli.options import json_option
 from jbw.cli.printing import answer, show_json
 from jbw.errors import RunError
+from jbw.report.messages import commands as messages
 from jbw.report.messages.commands import NO_NAME, nothing_called, parameter_explained
 from jbw.report.messages.findings import explanations
 from jbw.report.messages.words import words
@@ -42,14 +43,26 @@ def names_of_law(law: Any) -> set[str]:
     return {quantity.name for quantity in law.table} | of_products
 
 
+def law_explained(name: str) -> str | None:
+    """Return what a law of the joint describes, with its parameters; None for other names."""
+    from jbw.oscillator.laws import LAWS  # loads JAX
+
+    if (law := LAWS.get(name)) is None:
+        return None
+    summary = " ".join((law.__doc__ or "").split("\n\n")[0].split())
+    return messages.law_explained(summary, [quantity.name for quantity in law.table], name)
+
+
 def explained(name: str) -> str | None:
-    """Return the meaning of a finding, word, table column or parameter; None for other names."""
+    """Return the meaning of a finding, word, table column, parameter or law; None for others."""
     plain = " ".join(name.split())
     for meanings in (explanations(), words()):
         for spelling in (plain, plain.lower(), plain.lower().partition(" [")[0]):
             if spelling in meanings:
                 return meanings[spelling]
-    return parameters().get(plain) or at_joint(plain)
+    # Some laws have one parameter of the same name.
+    texts = parameters().get(plain) or at_joint(plain), law_explained(plain)
+    return "\n".join(filter(None, texts)) or None
 
 
 def at_joint(name: str) -> str | None:
@@ -71,7 +84,7 @@ def at_joint(name: str) -> str | None:
 )  # fmt: skip
 @json_option
 def explain(code: str | None, json_: bool) -> None:
-    """Explain a finding, a parameter, a table column or a word of the results.
+    """Explain a finding, a parameter, a law, a table column or a word of the results.
 
     For a finding of the verdict: what the check examines, and what to do if it fails. Without NAME,
     all findings, one per line.

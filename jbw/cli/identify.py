@@ -94,8 +94,9 @@ def identifiability(
     "--paper",
     "preset",
     flag_value="laboratory",
-    help="Measure the paper's programme, and run its Steps 2 to 4 in addition to the joint "
-    "posterior; the same as --preset laboratory.",
+    help="Measure the programme of Teloli et al. with sweeps from weak to strong hysteresis, and "
+    "run its Steps 2 to 4 in addition to the joint posterior; the same as --preset laboratory. "
+    "--preset paper has the voltages of the article.",
 )
 @figures_option
 @strict_option

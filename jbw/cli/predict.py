@@ -171,7 +171,10 @@ def predict(folder: Path, campaign: Path | None, **stated: Any) -> None:
     by_noise: dict[str, list[str]] = {}
     for row in rows:
         by_noise.setdefault(row["noise"], []).append(row["test"])
-    how = [f"Noise {noise} ({', '.join(named)})" for noise, named in by_noise.items()]
+    how = [
+        f"Noise: {noise.removeprefix('noise ')} ({', '.join(named)})"
+        for noise, named in by_noise.items()
+    ]
     if holds_population(folder):
         how.insert(0, _of_population(require_same_torque(folder, None), requests))
     record = {"run": str(folder), "predictions": rows}

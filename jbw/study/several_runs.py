@@ -190,7 +190,8 @@ def _statements(record: RunsSideBySide) -> list[str]:
         low, middle, high = row.per_doubling
         at = f"{number(factor * row.amplitude)} {unit}"
         change = f"{interval(low, middle, high)} {row.unit}"
-        sentences.append(messages.with_torque(row.name, at, change, row.direction))
+        steady = not low <= 0.0 <= high
+        sentences.append(messages.with_torque(row.name, at, change, row.direction, steady=steady))
     if any(row.p < BY_CHANCE for row in record.trends):
         sentences.append(messages.SCATTER)
     if not record.trends:

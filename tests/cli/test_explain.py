@@ -7,7 +7,7 @@ import pytest
 
 from jbw.cli import run
 from jbw.cli.about import explained
-from jbw.oscillator.laws import vocabulary
+from jbw.oscillator.laws import LAWS, vocabulary
 from jbw.quantities import BY_NAME
 from jbw.report.messages import tables
 from jbw.report.messages.findings import FINDINGS, explanations
@@ -165,3 +165,11 @@ def test_a_parameter_at_a_joint_is_explained():
     assert said is not None
     assert said.startswith("Motion of bolt_1 in mode 2 relative to the structural model")
     assert explained("alpah@bolt_1") is None
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_every_law_is_explained_with_its_parameters_and_its_line(law):
+    page = explained(law)
+    assert all(quantity.name in page for quantity in LAWS[law].table)
+    assert f'`laws = ["{law}"]`' in page
+    assert len(page.splitlines()[0].split()) >= 3

@@ -19,6 +19,14 @@ def parameter_explained(quantity: Quantity, laws: Sequence[str]) -> str:
     return f"{capital(quantity.meaning)}, {quantity.symbol}{unit}.{of_laws}"
 
 
+def law_explained(summary: str, parameters: Sequence[str], law: str) -> str:
+    """Return the meaning of a law of the joint, its parameters, and how a campaign states it."""
+    return (
+        f"{summary}\nParameters: {', '.join(parameters)}.\n"
+        f'Put under [joint]: `laws = ["{law}"]`. To compare laws: jbw laws.'
+    )
+
+
 def nothing_called(name: str, nearest: str) -> str:
     """Return the message that a name is unknown, with the most similar known name."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""

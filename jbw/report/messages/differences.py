@@ -127,11 +127,15 @@ def without_backbone(run: str) -> str:
     )
 
 
-def with_torque(quantity: str, amplitude: str, change: str, word: str) -> str:
-    """Return the sentence on a quantity's trend with torque; an empty `word` means no trend."""
+def with_torque(quantity: str, amplitude: str, change: str, word: str, *, steady: bool) -> str:
+    """Return the sentence on a quantity's trend with torque; an empty `word` means no trend.
+
+    `steady` states that the interval of the change per doubling does not contain zero.
+    """
     if not word:
         return f"At {amplitude} the {quantity} shows no trend with torque: {change} per doubling."
-    return f"At {amplitude} the {quantity} {word} with torque: {change} per doubling."
+    how = "with torque" if steady else "from each torque to the next, but not steadily"
+    return f"At {amplitude} the {quantity} {word} {how}: {change} per doubling."
 
 
 SCATTER = (

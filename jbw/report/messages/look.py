@@ -156,7 +156,8 @@ def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str
         for name, a, b in rows
     )
     return (
-        f"Standard deviations in {count} sessions or assemblies at one level: {'; '.join(parts)}."
+        f"Standard deviations between records in {count} sessions or assemblies, whatever their "
+        f"amplitude: {'; '.join(parts)}."
     )
 
 
