@@ -43,6 +43,8 @@ FOOT = 0.5  # height reserved for the final lines [in]
 # amplitudes in the rows of the table, as fractions of the largest fitted amplitude
 PARTS = (0.1, 0.25, 0.5, 1.0)
 SIZE = 9.0  # usual size of letters [pt]
+FILLED, TINY = 0.97, 1e-9  # share of a column that a long number fills; width of an empty text
+SMALLEST = 0.7  # smallest letters of a table, relative to the usual size
 COLOURS = {"ok": GREEN, "usable": GREEN, "failed": VERMILLION}
 MEASURE = TextToPath()
 
@@ -197,7 +199,7 @@ def _levels(tree: xr.DataTree) -> Cells:
 
 def _interval(low: float, middle: float, high: float) -> str:
     """Format a value with its interval; the width of the interval determines the digits."""
-    widened = max(0.2, 1e-5 * abs(middle) / (high - low)) if high > low else 0.2
+    widened = max(0.2, 1e-4 * abs(middle) / (high - low)) if high > low else 0.2
     return interval(low, middle, high, widened)
 
 
@@ -312,9 +314,12 @@ def _table(
     for row, colour in ((cells.names, SOFT), *((row, INK) for row in shown)):
         for text, (start, end, side) in zip(row, cells.columns, strict=True):
             room = ROOM if row is more else ROOM * (end - start)
-            shortened = _shortened(str(text), room, SIZE)
+            # A long number is written smaller, because a part of a number is a wrong number.
+            fits = FILLED * room / max(_width(str(text), SIZE), TINY)
+            size = SIZE * min(1.0, max(SMALLEST, fits))
+            shortened = _shortened(str(text), room, size)
             place = start if side == "left" else end
-            _put(figure, MARGIN + place * ROOM, top, shortened, color=colour, ha=side)
+            _put(figure, MARGIN + place * ROOM, top, shortened, color=colour, ha=side, size=size)
         top -= height
     return top - 0.06
 

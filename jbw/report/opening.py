@@ -32,6 +32,7 @@ from jbw.results.run import (
 # the joint hardly slips
 LOW = 0.1
 MOST_SHOWN = 8
+MOST_DIGITS = 6  # a laboratory repeats no number more exactly
 LARGE_ODDS = 4  # number of digits above which odds are written as a power of ten
 
 # candidates for the first figure, in order; the second list applies if the tree has no frequency
@@ -125,11 +126,11 @@ def with_interval(row: StoredParameter) -> tuple[str, str, str]:
 
 
 def _digits(low: float, high: float) -> int:
-    """Return the number of digits (3 to 15) that shows an interval's width to two digits."""
+    """Return the number of digits (3 to 6) that shows an interval's width to two digits."""
     largest = max(abs(low), abs(high))
     if not high - low > 0.0 or not largest:
-        return 6
-    return int(min(15, max(3, ceil(log10(largest / (high - low))) + 2)))
+        return MOST_DIGITS
+    return int(min(MOST_DIGITS, max(3, ceil(log10(largest / (high - low))) + 2)))
 
 
 def effect_sentence(summary: RunSummary, tree: xr.DataTree) -> str:
