@@ -166,8 +166,9 @@ class _CheckedTest:
         """Add one repeat's findings and facts to the results."""
         per_unit = gain_of(force_per_unit(spec), test.driven_by)
         of_one = has_one_mode(spec)
+        first = self.small_records[:1] or self.first
         faults = findings(
-            record, test, self.first, per_unit=per_unit, laws=spec.laws, of_one_mode=of_one
+            record, test, first, per_unit=per_unit, laws=spec.laws, of_one_mode=of_one
         )
         spoilt = worst(faults) == "error"
         stated = () if self.first or spoilt else tuple(_stated(record, test, spec, faults))

@@ -1,9 +1,13 @@
 """The noise of a measured drive at a resonance: against the filter's own gain."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy import signal
 
+from jbw.campaign.check import check_campaign
+from jbw.campaign.load import load_campaign
 from jbw.measurement.faults.noise import noisy_drive, passed_on
 from jbw.measurement.faults.unlike_gains import unlike_gains
 from jbw.measurement.records import Record
@@ -61,6 +65,26 @@ def test_the_doubt_names_the_channel_and_what_to_do():
     u, y = repeats(1e-5, 1e-3)
     quiet = [Record(FS, {"force": u[i], "velocity": y[i]}, {}) for i in range(2)]
     assert not list(noisy_drive(*quiet))
+
+
+def test_a_check_says_what_loading_says(tmp_path):
+    u, y = repeats(0.01, 1e-4)
+    for i in range(2):
+        np.savez(tmp_path / f"sweep_{i}.npz", f=u[i], v=y[i])
+    path = tmp_path / "campaign.toml"
+    path.write_text(f"""[campaign]
+name = "sweeps"
+[[test]]
+kind = "sweep"
+files = "sweep_*.npz"
+fs = {FS}
+channels = {{ force = "f", velocity = "v" }}
+units = {{ force = "N", velocity = "m/s" }}
+""")
+    said = [fault.what for row in check_campaign(path).rows for fault in row.findings]
+    (noise,) = [what for what in said if "noise of `force`" in what]
+    with pytest.warns(UserWarning, match=re.escape(noise)):
+        load_campaign(path)
 
 
 @pytest.mark.parametrize(
