@@ -32,7 +32,7 @@ from jbw.report.messages import stages
 from jbw.study.look import Look, look_quietly
 
 # An earlier proposal is preferred if its error is at most this multiple of the smallest error.
-AS_GOOD = 1.05
+AS_GOOD = 1.1
 
 
 class PreparedTests(NamedTuple):
@@ -99,7 +99,7 @@ def chosen(
     """Fit laws in turn; choose the first law with white residuals, or else the law that fits best.
 
     If no fit from one start has white residuals, the law with the smallest error is fitted from
-    all starts, and if that reduces the error by 5 %, so are the other laws.
+    all starts, and if that reduces the error by a tenth, so are the other laws.
 
     Args:
         seen: Tests under any law.
