@@ -169,7 +169,8 @@ def contradictions(summary: RunSummary, tree: xr.DataTree) -> list[str]:
     if curve is None or look is None or summary.joints is not None:
         return []
     # Results of earlier versions lack the errors of readings.
-    read = [group for group in look.children.values() if set(MEASURED) <= set(group.data_vars)]
+    groups = [group.to_dataset() for group in look.children.values()]
+    read = [group for group in groups if set(MEASURED) <= set(group.data_vars)]
     parts = [np.stack([group[name].values for name in MEASURED]) for group in read]
     rows = np.concatenate([np.zeros((len(MEASURED), 0)), *parts], axis=1)
     y, measured, sd = rows[:, (rows[0] > 0) & (rows[0] <= StoredBackbone.of(curve).y_fitted)]

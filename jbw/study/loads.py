@@ -6,7 +6,7 @@ uncertainty of parameters, the variation between runs and the model discrepancy 
 the load; they do not contain measurement noise.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, TypedDict
 
@@ -194,7 +194,7 @@ def model_of(theta: Draws, laws: tuple[str, ...]) -> Oscillator | Structure:
     return jax.vmap(lambda one: modal_structure_of(one, laws))(arrays)
 
 
-def has_several(theta: Iterable[str], laws: tuple[str, ...]) -> bool:
+def has_several(theta: Iterable[Hashable], laws: tuple[str, ...]) -> bool:
     """Return whether parameters and laws describe several modes or joints."""
     return has_further_modes(theta) or are_at_joints(laws)
 
