@@ -119,7 +119,7 @@ def test_a_density_is_written_and_read_as_it_is(stated):
     [
         ({"LogNorml": [1.0, 2.0]}, "did you mean `LogNormal`"),
         ({"Poisson": [3.0]}, "a density of one real number, but `Poisson` is not"),
-        ({"Dirichlet": [1.0]}, "cannot be Dirichlet"),
+        ({"Dirichlet": [1.0]}, "valid arguments of Dirichlet"),
         ({"Normal": [0.0, -1.0]}, "invalid scale"),
         ({"Normal": [0.0, "a"]}, "takes finite numbers, but one is 'a'"),
         ({"Normal": [0.0, float("nan")]}, "takes finite numbers, but one is nan"),

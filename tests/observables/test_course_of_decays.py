@@ -53,7 +53,7 @@ def test_what_grows_or_is_never_reached_is_refused():
     with pytest.raises(DataError, match="must decay, but its strongest record grows") as caught:
         decays(ring(rate=-0.1) + noise)
     assert "settle" in caught.value.remedy
-    with pytest.raises(DataError, match="would reach the initial amplitude") as caught:
+    with pytest.raises(DataError, match="to reach the initial amplitude") as caught:
         decays(ring(rate=0.01, seconds=2.0), ring(1e-6, seconds=2.0))
     assert "a separate test" in caught.value.remedy
 

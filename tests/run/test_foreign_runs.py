@@ -46,10 +46,10 @@ def test_other_code_of_the_same_version_does_not_go_on_with_a_run(tmp_path):
     code, said = resumed_by(tmp_path / "other", tmp_path / "run")
     assert code == 1, said
     was, is_ = sources_of("jbw"), said.partition("not ")[2].partition("(sources ")[2][:16]
-    assert f"begun with jbw {jbw.__version__} (sources {was}), not {jbw.__version__}" in said
+    assert f"versions: jbw {jbw.__version__} (sources {was}), not {jbw.__version__}" in said
     assert is_ != was
     code, said = resumed_by(PACKAGE.parent, tmp_path / "run")
-    assert "begun with" not in said  # the campaign has no test, which is said instead
+    assert "begun with other" not in said  # the campaign has no test, which is said instead
     assert code == 2, said
 
 

@@ -191,7 +191,7 @@ def test_changed_data_are_refused_with_their_file(read):
 def test_other_versions_are_refused_by_name(read):
     manifest, campaign = read
     older = replace(manifest, versions={**manifest.versions, "jax": "0.1.2"})
-    with pytest.raises(RunError, match=r"begun with jax 0\.1\.2, not ") as caught:
+    with pytest.raises(RunError, match=r"with other package versions: jax 0\.1\.2, not ") as caught:
         require_unchanged(older, campaign)
     assert "Install the versions" in caught.value.remedy
 
