@@ -190,7 +190,7 @@ def joint_separability(
 def _of_groups(
     motion: np.ndarray, participation: np.ndarray, names: tuple[str, ...], groups: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return motion (of the first joint), sum of B, and joined names of each group of joints."""
+    """Return, for each group of joints, the first motion, the sum of B's columns, and the names."""
     members = [[j for j, g in enumerate(groups) if g == group] for group in dict.fromkeys(groups)]
     return (
         motion[:, [joints[0] for joints in members]],

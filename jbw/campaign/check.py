@@ -285,7 +285,7 @@ def beside_stated(fault: Fault, test: TestSpec) -> Fault:
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:
-    """Yield the rows of the table; a finding on a whole test is added to its channel's row."""
+    """Yield the table's rows; add findings on a test to the row of the channel that they name."""
     for row in rows:
         more = [fault for test, fault in faults if (test, fault.channel) == (row.test, row.role)]
         row_faults = (*more, *row.findings)

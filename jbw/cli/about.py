@@ -180,7 +180,7 @@ def first_page(package: Path) -> Path:
 @click.command()
 @json_option
 def docs(json_: bool) -> None:
-    """Print the path of the documentation, and open it in a browser on a terminal.
+    """Print the path of the documentation; on a terminal, also open a browser with it.
 
     It is read from files and needs no network.
     """

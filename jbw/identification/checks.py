@@ -197,7 +197,7 @@ def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
 def amendments_of(
     checked: CheckedPosterior, groups: Mapping[str, xr.Dataset], attempts: Attempts
 ) -> tuple[Amendment | None, ...]:
-    """Return changes of findings due to small fit errors, held-out errors, or an absent joint."""
+    """Return the changes of findings that small fit errors or an absent joint justify."""
     of_unseen, ready, data = None, checked.fitted, checked.data
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()

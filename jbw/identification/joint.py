@@ -61,7 +61,7 @@ READINGS_KEY = 200  # number from which the random key of the single-mode fits i
 class JointProblem:
     """The input of a joint posterior: the data, and the knowledge from before the fit."""
 
-    data: Dataset  # all fitted tests, reduced
+    data: Dataset  # the data of all fitted tests
     settings: Identify
     # starting values from the line fit and the kernel fit (Steps 2 to 4)
     known: Mapping[str, float] = field(default_factory=dict)

@@ -31,7 +31,7 @@ Solver = Callable[[Mapping[str, np.ndarray], Any, int], Solved | None]
 
 
 def solved_first(solver: Solver) -> Callable[[Any], Any]:
-    """Return a decorator for functions of (theta, data) whose costly part `solver` computes.
+    """Return a decorator for functions of (theta, data); `solver` computes their costly part.
 
     At many points the `solver` is called first, with (theta, data, threads). It returns data that
     contain the costly part, as two trees that `equinox.combine` joins: the data without this part,

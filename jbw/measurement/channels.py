@@ -71,7 +71,9 @@ def noise_of(x: Reals) -> float:
     """
     if len(x) <= DIFFERENCES:
         return 0.0
-    size = np.sqrt(comb(2 * DIFFERENCES, DIFFERENCES))  # Vandermonde's sum of squares
+    size = np.sqrt(
+        comb(2 * DIFFERENCES, DIFFERENCES)
+    )  # Vandermonde's identity: the sum of squared binomial coefficients
     return float(np.median(np.abs(np.diff(x, DIFFERENCES))) / (OF_NORMAL * size))
 
 

@@ -58,7 +58,7 @@ def of_samples(
     *,
     periodic: bool,
 ) -> Spectrum:
-    """Return the spectra of a record over time, which begins and ends at rest or is one period."""
+    """Return the spectra of a time record that begins and ends at rest, or that is one period."""
     length = len(mean)
     padded = length if periodic else 2 * length
     measured, predicted, driven = (np.fft.rfft(x, padded) for x in (mean, mean - residual, source))

@@ -20,7 +20,7 @@ OF_SEVERAL_MODES = 24
 
 
 class Guessing(Protocol):
-    """A response that counts how often a law remembered too few load reversals."""
+    """A response with the number of times that a law remembered too few load reversals."""
 
     @property
     def guesses(self) -> Any:

@@ -31,7 +31,7 @@ SAME_TORQUE = 1e-3
 def new_terms(
     fleet: xr.DataTree, rng: np.random.Generator, num: int
 ) -> dict[str, Float[np.ndarray, " unit"]]:
-    r"""Draw residual constants of `num` new units, which represent the response of other modes.
+    r"""Draw, for `num` new units, the constants that represent the response of other modes.
 
     The constants may have either sign, so that their logarithms cannot be pooled. Given K units,
     each with constants c_k, those of a new unit are, by the normal theory of a mean and a

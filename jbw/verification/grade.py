@@ -67,7 +67,7 @@ def judged(
     laws: Sequence[str],
     limit: float = LIMIT,
 ) -> Verdict:
-    """Return the verdict from the law's grade and all findings, changed by the amendments.
+    """Return the verdict from the law's grade and all findings, after their amendments.
 
     The arguments are those of `grade`.
     """

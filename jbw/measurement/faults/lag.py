@@ -37,7 +37,7 @@ PLACES = np.linspace(0.03, 0.97, 16)
 SCANNED = 12  # number of times that are scanned between two of the tried times
 # Below this fraction of the largest motion, the lag is determined without an effect of the joint.
 QUIET = 0.4
-# smallest number of values before the motion exceeds QUIET, and the weight of all later values
+# FEWEST: smallest number of values of quiet motion. FAINT: weight of all other values.
 FEWEST, FAINT = 24, 1e-6
 OF_CYCLE = 0.125  # largest lag that is tried for a loop, as a fraction of a cycle
 # largest relative difference between the lags at small motion and in the whole record; a true lag

@@ -94,7 +94,7 @@ def _number(dataset: Mapping[str, Any], key: str) -> float:
 
 
 def _titles(sets: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the sets' names: first lines of identification or, if those do not differ, labels."""
+    """Return names of the datasets: the first ID line of each or, if these are equal, the label."""
     firsts = [_stated(dataset, "id1") for dataset in sets]
     labels = [_stated(dataset, "ordinate_axis_lab") for dataset in sets]
     first_lines_differ = len(set(firsts)) > 1 or len(sets) == 1

@@ -399,7 +399,7 @@ def _project(
     inner[np.diag_indices_from(inner)] += 1e-12
 
     def along(columns: Columns, values: Complexes) -> Reals:
-        """Return the derivatives of the fit by the real and imaginary parts of the gains."""
+        """Return derivatives of the fit with respect to real and imaginary parts of the gains."""
         return np.real(turn.conj() * (columns.conj().T @ values)[at])
 
     def gains_of(right: Reals) -> Complexes:

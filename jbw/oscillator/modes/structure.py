@@ -1,4 +1,4 @@
-"""The modes of a structure that are coupled by joints, with checks of their numbers."""
+"""The modes of a structure that joints couple, with checks of the modes' parameters."""
 
 import warnings
 from collections.abc import Callable

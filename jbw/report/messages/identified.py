@@ -96,8 +96,8 @@ def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: b
     shape = "flat" if flat else "open on both sides"
     low, high = bounds
     return (
-        f"The profile likelihood of {name} is {shape}: between the prior bounds {low:.4g} and "
-        f"{high:.4g} chi-square rises by at most {rise:.2g}, because other parameters compensate."
+        f"The profile likelihood of {name} is {shape}: between the prior bounds, {low:.4g} and "
+        f"{high:.4g}, chi-square rises by at most {rise:.2g}, because other parameters compensate."
     )
 
 

@@ -187,7 +187,7 @@ def sliders(
 
 
 def without_form(program: str) -> str:
-    """Return the note that no file is written for a program, because it cannot take a law."""
+    """Return the note that no file is written for a program that does not support a law."""
     return f"No file is written for {program}, which cannot represent this joint."
 
 
