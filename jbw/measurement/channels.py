@@ -71,9 +71,8 @@ def noise_of(x: Reals) -> float:
     """
     if len(x) <= DIFFERENCES:
         return 0.0
-    size = np.sqrt(
-        comb(2 * DIFFERENCES, DIFFERENCES)
-    )  # Vandermonde's identity: the sum of squared binomial coefficients
+    # The squares of binomial coefficients sum to one coefficient (Vandermonde's identity).
+    size = np.sqrt(comb(2 * DIFFERENCES, DIFFERENCES))
     return float(np.median(np.abs(np.diff(x, DIFFERENCES))) / (OF_NORMAL * size))
 
 
