@@ -371,7 +371,7 @@ def findings(
             return stated
         return [*stated, *doubtful(record, test, first)]
 
-    is_spoilt = worst(facts) == "error" or any(fault.spoils for fault in facts)
+    is_spoilt = worst(facts) == "error" or any(fault.excludes_others for fault in facts)
     doubts = [] if is_spoilt else doubtful(record, test, first)
     # Contradictions between file and campaign are certain, so that their remedies are not tried,
     # except cuts of the record.

@@ -133,12 +133,14 @@ def _signal(record: Record, role: str, delay_s: float = 0.0) -> Iterator[Fault]:
         lag_s, driven = (each - 1) / 2 / record.fs, set(INPUTS) & record.channels.keys()
         if not LAGS[0] * lag_s <= abs(delay_s) <= LAGS[1] * lag_s:
             line = lag_s if driven or role == "restoring_force" else None
-            yield doubt(role, *messages.held(each, record.fs / each, line), spoils=True)
+            yield doubt(role, *messages.held(each, record.fs / each, line), excludes_others=True)
         thinned = replace(record, fs=record.fs / each, channels={role: x[first::each]})
         yield from _signal(thinned, role)
         return
     if role in RESPONSES and (lost := drop_outs(x)):
-        yield doubt(role, *messages.dropped_out(len(lost), lost[0] / record.fs), spoils=True)
+        yield doubt(
+            role, *messages.dropped_out(len(lost), lost[0] / record.fs), excludes_others=True
+        )
     elif is_measured:
         yield from _filled(record, role, float(np.diff(levels).min()))
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:

@@ -25,7 +25,7 @@ class Fault:
     # Frequency [Hz] and damping ratio after the remedy; None where they cannot be determined.
     leaves: tuple[float, float] | None = None
     # Whether so many samples are wrong that no other fault can be searched in the record.
-    spoils: bool = False
+    excludes_others: bool = False
 
 
 refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
