@@ -317,7 +317,7 @@ def _table(
             # A long number is written smaller, because a part of a number is a wrong number.
             fits = FILLED * room / max(_width(str(text), SIZE), TINY)
             size = SIZE * min(1.0, max(SMALLEST, fits))
-            shortened = _shortened(str(text), room, size)
+            shortened = _shortened(str(text), room if fits >= 1.0 else FILLED * room, size)
             place = start if side == "left" else end
             _put(figure, MARGIN + place * ROOM, top, shortened, color=colour, ha=side, size=size)
         top -= height

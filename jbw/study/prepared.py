@@ -125,15 +125,9 @@ def chosen(
         errors[law], white = remains_of(best, data)
         return white
 
-    white = next((law for law in laws if is_white(law, alone=True)), None)
-    if white is None and errors:
-        closest = min(errors, key=errors.__getitem__)
-        before = errors[closest]
-        if is_white(closest, alone=False):
-            white = closest
-        elif AS_GOOD * errors[closest] < before:
-            others = (law for law in laws if law != closest)
-            white = next((law for law in others if is_white(law, alone=False)), None)
+    # A fit from one start may miss the optimum of the right law, so all laws get all starts.
+    rounds = ((law, alone) for alone in (True, False) for law in laws)
+    white = next((law for law, alone in rounds if is_white(law, alone=alone)), None)
     if not errors:
         return seen, {}, ""
     enough = AS_GOOD * min(errors.values())

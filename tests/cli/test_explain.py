@@ -171,5 +171,5 @@ def test_a_parameter_at_a_joint_is_explained():
 def test_every_law_is_explained_with_its_parameters_and_its_line(law):
     page = explained(law)
     assert all(quantity.name in page for quantity in LAWS[law].table)
-    assert f'`laws = ["{law}"]`' in page
+    assert f'[joint] laws = ["{law}"]' in page
     assert len(page.splitlines()[0].split()) >= 3

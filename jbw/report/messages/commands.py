@@ -23,7 +23,7 @@ def law_explained(summary: str, parameters: Sequence[str], law: str) -> str:
     """Return the meaning of a law of the joint, its parameters, and how a campaign states it."""
     return (
         f"{summary}\nParameters: {', '.join(parameters)}.\n"
-        f'Put under [joint]: `laws = ["{law}"]`. To compare laws: jbw laws.'
+        f'In a campaign: [joint] laws = ["{law}"]. To compare laws: jbw laws.'
     )
 
 
