@@ -565,9 +565,8 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Dra
         clock = looked.series[channel.path]
         unit, fs = _of_times(channel, looked)
         if traits.is_prescribed and np.any(np.diff(np.ravel(load(clock))) <= 0):
-            return DraftedClock(
-                True, ("time",), (), tuple(lines), ()
-            )  # A force loop needs no times.
+            # A force loop needs no times.
+            return DraftedClock(True, ("time",), (), tuple(lines), ())
         if not unit:  # times without a unit that only count samples
             return DraftedClock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
         if fs and not rates:

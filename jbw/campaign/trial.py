@@ -122,12 +122,12 @@ def _leaves(examined: Examined, key: str, fault: Fault) -> bool:
     mode is accepted then, as it is if no mode could be fitted before.
     """
     reading = examined.reading
-    if key == "span":
-        return reading is not None and reading.holds
-    if fault.leaves is None:
+    if fault.leaves is None and key != "span":
         return True
     if reading is None or not reading.holds:
         return False
+    if fault.leaves is None or key == "span":
+        return True
     hz, zeta = fault.leaves
     of_hz = abs(reading.linear_hz.value / hz - 1) / zeta
     return max(of_hz, abs(reading.linear_zeta.value / zeta - 1)) < ALIKE

@@ -98,8 +98,8 @@ def chosen(
 ) -> tuple[Measured, dict[str, float], str]:
     """Fit laws in turn; choose the first law with white residuals, or else the law that fits best.
 
-    If no fit from one start has white residuals, the law with the smallest error is fitted from
-    all starts, and if that reduces the error by a tenth, so are the other laws.
+    If no fit from one start has white residuals, each law gets all starts, because one start may
+    miss the optimum of the right law.
 
     Args:
         seen: Tests under any law.
@@ -112,27 +112,23 @@ def chosen(
     """
     fits: dict[str, dict[str, float]] = {}
     errors: dict[str, float] = {}
-
-    def is_white(law: str, *, alone: bool) -> bool:
-        """Fit a law, and return whether its residuals are white."""
+    is_white = False
+    for law, alone in [(law, True) for law in laws] + [(law, False) for law in laws]:
         report(messages.trying(law))
         tried = assemble(replace(seen, laws=(law,)))
         try:
             _, best, data = first_fit(jax.random.key(seed), tried, seen.settings, alone=alone)
         except JbwError:  # The law cannot be solved for these tests.
-            return False
+            continue
         fits[law] = best.theta
-        errors[law], white = remains_of(best, data)
-        return white
-
-    # A fit from one start may miss the optimum of the right law, so all laws get all starts.
-    rounds = ((law, alone) for alone in (True, False) for law in laws)
-    white = next((law for law, alone in rounds if is_white(law, alone=alone)), None)
+        errors[law], is_white = remains_of(best, data)
+        if is_white:
+            break
     if not errors:
         return seen, {}, ""
     enough = AS_GOOD * min(errors.values())
-    best_law = white or next(law for law in laws if errors.get(law, np.inf) <= enough)
-    report(sentence := messages.chosen_by_fits(best_law, errors, is_white=white is not None))
+    best_law = law if is_white else next(name for name in errors if errors[name] <= enough)
+    report(sentence := messages.chosen_by_fits(best_law, errors, is_white=is_white))
     return replace(seen, laws=(best_law,)), fits[best_law], sentence
 
 
