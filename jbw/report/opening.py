@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.inference.posterior.finding import ASKED
+from jbw.inference.posterior.quantiles import HALF_99
 from jbw.measurement.kinds import KINDS
 from jbw.quantities import joints_of, split
 from jbw.report.cycles import motion_unit, unit_of_motion
@@ -42,7 +43,6 @@ UNMEASURED = "zeta"  # parameter that a campaign without a free or driven mode c
 CAUSE = "cause"  # finding that names a fault of the data as the cause of the residual
 POORLY = 2  # grade of a parameter that the data determine better than the prior, but not to 30 %
 LOOK, MEASURED = "look", ("y", "damping", "damping_sd")
-SURE = 2.5758  # standard deviations to either side of a 99 % interval
 # smallest difference of a law's damping ratio from the measured one, relative to the measured one,
 # that is stated
 APART = 0.25
@@ -177,7 +177,7 @@ def contradictions(summary: RunSummary, tree: xr.DataTree) -> list[str]:
     if not y.size:
         return []
     law = curve.to_dataset()["damping"].interp(amplitude=y).transpose("quantile", ...).values
-    apart = np.maximum(law[0] - measured, measured - law[2]) > SURE * sd
+    apart = np.maximum(law[0] - measured, measured - law[2]) > HALF_99 * sd
     away = np.where(apart, np.abs(law[1] / measured - 1), 0.0)
     worst = int(np.argmax(away))
     if not away[worst] > APART:
@@ -186,7 +186,7 @@ def contradictions(summary: RunSummary, tree: xr.DataTree) -> list[str]:
     low, middle, high = 100 * law[:, worst]
     digits = _digits(low, high)
     modelled = f"{middle:.{digits}g} % [{low:.{digits}g}, {high:.{digits}g}]"
-    error = f"{100 * measured[worst]:.3g} ± {100 * SURE * sd[worst]:.1g} %"
+    error = f"{100 * measured[worst]:.3g} ± {100 * HALF_99 * sd[worst]:.1g} %"
     return [messages.contradicted(factor * float(y[worst]), unit, modelled, error)]
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jbw.inference.posterior.quantiles import HALF_99
 from jbw.report.messages import population as messages
 from jbw.report.sheet import Sheet
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, panels, shade
@@ -14,8 +15,6 @@ from jbw.report.text import NOTHING, axis_label, number
 from jbw.report.words import badge
 from jbw.results.population import StoredCoordinate, StoredInterval, StoredPopulation
 
-# number of standard deviations from the median to either end of a normal 99 % interval
-HALF_99 = 2.5758
 MOST = 6  # largest number of quantities in one table of units
 # A unit does not belong to the population if its probability is below this, divided by the number
 # of units.

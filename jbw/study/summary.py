@@ -21,6 +21,7 @@ from jbw.identification.procedure import Identification
 from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
 from jbw.identification.tied_joints import tied_record
+from jbw.inference.posterior.quantiles import HALF_99
 from jbw.inference.posterior.summary import as_plain, correlations, posterior_draws, summarise
 from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import INPUTS, Test
@@ -163,8 +164,8 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
             "mean": float(mean),
             "sd": float(sd),
             "cv": plain(cv),
-            "q005": float(mean - 2.5758 * sd),
-            "q995": float(mean + 2.5758 * sd),
+            "q005": float(mean - HALF_99 * sd),
+            "q995": float(mean + HALF_99 * sd),
             "unit": units[name],
             "truth": truth.get(name),
         }
