@@ -15,10 +15,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
+from numpy.lib.stride_tricks import sliding_window_view
 
+from jbw.arrays import namespace
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.kept_programs import KeptProgram
 from jbw.inference.lanes import FIT_LANES
+from jbw.measurement.channels import rms
 from jbw.measurement.readings.statement import curve_of
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.decay_drift import LeftOutDecay, left_out_decay
@@ -32,6 +35,8 @@ from jbw.observables.decay_envelopes import (
 from jbw.observables.effective_values import white_square
 from jbw.observables.groups import Rows, changed, weights, with_effective_values
 from jbw.observables.observable import Shown, Theta, Weighted, alone
+from jbw.observables.samples import joints_at
+from jbw.oscillator.batch import LANES, march, silence
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, derivative_order
@@ -46,7 +51,8 @@ LEAST_BEGUN = 8  # smallest number of envelope values in the first section of a 
 class Decays(Envelopes):
     """The free decays of one mode, reduced to the form that the likelihood needs.
 
-    `solution` is the logarithm of the simulated decay where it was computed before.
+    `solution` contains the fits of the records to the simulated decay, where they were computed
+    before.
     """
 
     dimension: ClassVar[str] = "record"
@@ -58,7 +64,7 @@ class Decays(Envelopes):
     several: ClassVar[bool | None] = False
     unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "readings": None}
 
-    solution: Complex[Array, "*point step"] | None = eqx.field(kw_only=True, default=None)
+    solution: Match | None = eqx.field(kw_only=True, default=None)
 
     @property
     def fraction(self) -> Float[Array, ""]:
@@ -67,8 +73,9 @@ class Decays(Envelopes):
 
     def matches(self, theta: Theta) -> Match:
         """Fit the initial state and the frequency shift of each record to the model's decay."""
-        decay = decay_of(theta, self) if self.solution is None else self.solution
-        return jax.vmap(lambda envelope: match(decay, envelope, self.step_s))(self.mean)
+        if self.solution is not None:
+            return self.solution
+        return match(decay_of(theta, self)[None], self.mean, self.step_s)
 
     def solved(
         self,
@@ -78,10 +85,9 @@ class Decays(Envelopes):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """Compute the model's decay at many parameter points in advance, by one program."""
-        simulated = replace(self, mean=None, groups=None, **self.unread)
-        solution = _decays_of(jax.device_put(dict(theta)), simulated)
-        return replace(self, laws=(), solution=solution)
+        """Compute the decay, and the fits of the records to it, at many points in advance."""
+        matches = matches_at(theta, self)
+        return replace(self, laws=(), num_samples=0, solution=jax.device_put(matches))
 
     def predict(self, theta: Theta) -> Complex[Array, "record step"]:
         """Predict each record's envelope with its optimal initial state and frequency shift."""
@@ -111,7 +117,8 @@ class Decays(Envelopes):
     @property
     def _degrees(self) -> Float[Array, " record"]:
         """The independent values of a record minus its unknowns, at least 1."""
-        return jnp.where(self._says, self.groups.num_values - self.groups.num_own, 1.0)
+        values = self.groups.num_values
+        return namespace(values).where(self._says, values - self.groups.num_own, 1.0)
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
         r"""Estimate each record's shift of natural frequency, which is the first offset of its run.
@@ -134,17 +141,20 @@ class Decays(Envelopes):
 
     def shift_errors(self, found: Match) -> Float[Array, " record"]:
         """Return the standard error of every record's natural-frequency shift [rad/s]."""
+        xp = namespace(found.misfit)
         variance = found.misfit / self._degrees
-        return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
+        return xp.sqrt(variance * xp.linalg.inv(found.precision)[:, -1, -1])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
         """Return the decays, with noise and frequency variation of the records set to a fit's."""
-        matches = matched(theta, self)
-        noise = jnp.sqrt(matches.misfit / (self.groups.size - self.groups.num_own))
-        errors = float(jnp.sqrt(jnp.mean(self.shift_errors(matches) ** 2)))
-        scatter = max(float(jnp.sqrt(jnp.mean(matches.entry.shift**2))), errors)
-        groups = changed(self.groups, noise_std=noise)
-        return replace(self, groups=groups, shift_std=jnp.asarray(scatter))
+        matches, groups = jax.tree.map(np.asarray, (matched(theta, self), self.groups))
+        noise = np.sqrt(matches.misfit / (groups.size - groups.num_own))
+        errors = replace(self, groups=groups).shift_errors(matches)
+        scatter = max(rms(matches.entry.shift), rms(errors))
+        changes = jax.device_put((noise, np.float64(scatter)))
+        return replace(
+            self, groups=changed(self.groups, noise_std=changes[0]), shift_std=changes[1]
+        )
 
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return model-free estimates of the decays: frequency, damping, initial amplitude."""
@@ -238,6 +248,40 @@ def _decays_of(
     return jax.vmap(lambda point: decay_of(point, data))(dict(theta))
 
 
+def decays_at(
+    theta: Mapping[str, Float[np.ndarray, " point"]], data: Envelopes
+) -> Complex[np.ndarray, "point step"]:
+    """Return `decay_of` at many parameter points, by the batch solver if it suits the laws.
+
+    The batch solver's program is that of swept records, and the same for records of any length.
+    """
+    joints = joints_at(theta, data.laws) if data.laws else None
+    if joints is None:
+        simulated = replace(data, mean=None, groups=None, **data.unread)
+        return np.asarray(_decays_of(jax.device_put(dict(theta)), simulated))
+    count = len(next(iter(theta.values())))
+    record, order = silence(data.num_samples), derivative_order(data.response)
+    lots = [
+        march(
+            jax.tree.map(lambda leaf, lot=lot: leaf[lot], joints), np.zeros(LANES), record,
+            data.fs, data.substeps, order, released=float(data.y_start),
+        ).response
+        for lot in (slice(first, first + LANES) for first in range(0, count, LANES))
+    ]  # fmt: skip
+    taps = np.asarray(data.taps)
+    windows = sliding_window_view(np.concatenate(lots)[:count], len(taps), axis=1)
+    return _logarithms(windows[:, :: data.stride] @ taps, data)
+
+
+def _logarithms(
+    envelopes: Complex[np.ndarray, "point step"], data: Envelopes
+) -> Complex[np.ndarray, "point step"]:
+    """Return the logarithms of envelopes with their phases unwrapped."""
+    turns = np.angle(envelopes[:, 1:] * np.conj(envelopes[:, :-1]) * np.asarray(data.rotation))
+    phases = np.pad(np.cumsum(turns, axis=1), ((0, 0), (1, 0)))
+    return np.log(np.abs(envelopes)) + 1j * phases
+
+
 def _exponential(joint: Oscillator, data: Envelopes) -> Complex[Array, " step"]:
     r"""Return the filtered decay of a structure without a joint, in closed form.
 
@@ -264,13 +308,21 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
     return jax.lax.complex(jnp.log(jnp.abs(envelope)), phase)
 
 
+def matches_at(theta: Mapping[str, Float[np.ndarray, " point"]], data: Decays) -> Match:
+    """Fit each record's initial state and shift at many parameter points, by NumPy.
+
+    Where the motion diverges, the results are not finite.
+    """
+    with np.errstate(all="ignore"):
+        return match(decays_at(theta, data)[:, None], np.asarray(data.mean), data.step_s)
+
+
 def matched(theta: Theta, data: Decays) -> Match:
-    """Fit each record's initial state and shift at one parameter point, by a compiled program."""
-    lanes = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
-    solved = data.solved(lanes, 1, writes=True)
-    if solved is not None and solved.solution is not None:
-        data = replace(solved, solution=solved.solution[0])
-    return _matched(theta, alone(data))
+    """Fit each record's initial state and shift at one parameter point."""
+    if data.modes is not None:
+        return _matched(theta, alone(data))
+    point = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
+    return jax.tree.map(lambda leaf: leaf[0], matches_at(point, data))
 
 
 @eqx.filter_jit

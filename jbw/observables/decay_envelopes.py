@@ -7,14 +7,14 @@ initial state is the place at which it enters (its amplitude) and a rotation (it
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from jbw.arrays import namespace
 from jbw.errors import DataError
 from jbw.measurement.demodulation import BandFilter
 from jbw.measurement.envelopes import envelopes, filter_of
@@ -218,9 +218,9 @@ def _course(
 class Entry(NamedTuple):
     """The start of a record on the simulated decay: time [steps], rotation [rad], shift [rad/s]."""
 
-    place: Float[Array, "..."]
-    phase: Float[Array, "..."]
-    shift: Float[Array, "..."]
+    place: Float[Any, "..."]
+    phase: Float[Any, "..."]
+    shift: Float[Any, "..."]
 
 
 class Match(NamedTuple):
@@ -231,59 +231,92 @@ class Match(NamedTuple):
     """
 
     entry: Entry
-    misfit: Float[Array, ""]
-    residual: Complex[Array, " sample"]
-    precision: Float[Array, "own own"]
-    rate: Float[Array, ""]
+    misfit: Float[Any, "..."]
+    residual: Complex[Any, "... sample"]
+    precision: Float[Any, "... own own"]
+    rate: Float[Any, "..."]
 
 
 def along(
-    decay: Complex[Array, " step"], place: Float[Array, " time"]
-) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
-    """Interpolate the logarithm of a decay between time steps; return its slope as well."""
-    step = jax.lax.stop_gradient(jnp.floor(place))
+    decay: Complex[Any, "... step"], place: Float[Any, "... time"]
+) -> tuple[Complex[Any, "... time"], Complex[Any, "... time"]]:
+    """Interpolate the logarithm of a decay between time steps; return its slope as well.
+
+    NumPy arrays are processed by NumPy, here and in the functions below, because a compiled program
+    would be needed for every length of records.
+    """
+    xp = namespace(decay)
+    step = _constant(xp.floor(place))
     f = place - step
-    index = step.astype(int)[:, None] + jnp.arange(-1, 3)
-    inside = jnp.clip(index, 0, len(decay) - 1)
-    ends = jnp.where(index < 0, decay[1] - decay[0], decay[-1] - decay[-2])
-    values = decay[inside] + (index - inside) * ends
-    unit = jnp.ones_like(f)
-    weights = jnp.stack([unit, f, f**2, f**3], axis=-1) @ CUBICS
-    slopes = jnp.stack([0 * unit, unit, 2 * f, 3 * f**2], axis=-1) @ CUBICS
-    return jnp.sum(weights * values, axis=-1), jnp.sum(slopes * values, axis=-1)
+    index = step.astype(int)[..., None] + np.arange(-1, 3)
+    inside = xp.clip(index, 0, decay.shape[-1] - 1)
+    first, last = (
+        (decay[..., i + 1] - decay[..., i])[..., None, None] for i in (0, decay.shape[-1] - 2)
+    )
+    found = xp.take_along_axis(decay, inside.reshape(*inside.shape[:-2], -1), axis=-1)
+    values = found.reshape(inside.shape) + (index - inside) * xp.where(index < 0, first, last)
+    unit = xp.ones_like(f)
+    weights = xp.stack([unit, f, f**2, f**3], axis=-1) @ CUBICS
+    slopes = xp.stack([0 * unit, unit, 2 * f, 3 * f**2], axis=-1) @ CUBICS
+    return xp.sum(weights * values, axis=-1), xp.sum(slopes * values, axis=-1)
 
 
 def follow(
-    decay: Complex[Array, " step"], entry: Entry, steps: Float[Array, " time"], step_s: float
-) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
+    decay: Complex[Any, "... step"], entry: Entry, steps: Float[Any, " time"], step_s: Any
+) -> tuple[Complex[Any, "... time"], Complex[Any, "... time"]]:
     """Return the envelope of a record that repeats part of a simulated decay, and its log slope."""
-    log, slope = along(decay, entry.place + steps)
-    return jnp.exp(log + 1j * (entry.phase + entry.shift * step_s * steps)), slope
+    place, phase, shift = (value[..., None] for value in entry)
+    log, slope = along(decay, place + steps)
+    return namespace(decay).exp(log + 1j * (phase + shift * step_s * steps)), slope
 
 
 def match(
-    decay: Complex[Array, " step"], envelope: Complex[Array, " sample"], step_s: float
+    decay: Complex[Any, "... step"], envelope: Complex[Any, "... sample"], step_s: Any
 ) -> Match:
-    """Fit a record's initial state and frequency shift to a decay with time steps `step_s` [s]."""
-    steps = jnp.arange(len(envelope), dtype=float)
-    entry = jax.lax.stop_gradient(_first_entry(decay, envelope, steps, step_s))
+    """Fit a record's initial state and frequency shift to a decay with time steps `step_s` [s].
+
+    Records and decays broadcast along their leading axes.
+    """
+    xp = namespace(decay)
+    steps = np.arange(envelope.shape[-1], dtype=float)
+    entry = _first_entry(decay, envelope, steps, step_s)
     for _ in range(NUM_REFINEMENTS):
         # Derivatives pass only through the last step, because earlier steps have no influence at
         # the optimum.
-        entry = jax.lax.stop_gradient(entry)
+        entry = Entry(*map(_constant, entry))
         _, precision, gradient, rate = _normal(decay, envelope, entry, steps, step_s)
-        gain = jnp.linalg.solve(precision, gradient)
-        entry = Entry(entry.place + gain[0] / rate, entry.phase + gain[1], entry.shift + gain[2])
+        place, phase, shift = entry
+        of_size, of_phase, of_shift = _solution(precision, gradient)
+        entry = Entry(place + of_size / rate, phase + of_phase, shift + of_shift)
     residual, precision, _, rate = _normal(decay, envelope, entry, steps, step_s)
-    misfit = jnp.sum(jnp.square(residual.real) + jnp.square(residual.imag))
+    misfit = xp.sum(xp.square(residual.real) + xp.square(residual.imag), axis=-1)
     return Match(entry, misfit, residual, precision, rate)
 
 
+def _solution(
+    matrix: Float[Any, "... 3 3"], right: Float[Any, "... 3"]
+) -> tuple[Float[Any, "..."], ...]:
+    """Solve three equations with a symmetric matrix by Cramer's rule, without any exception.
+
+    A library's solver raises an error if one of many matrices is singular.
+    """
+    xp = namespace(matrix)
+    first, second, third = (matrix[..., i] for i in range(3))
+    determinant = xp.sum(first * xp.cross(second, third), axis=-1)
+    columns = (right, second, third), (first, right, third), (first, second, right)
+    return tuple(xp.sum(a * xp.cross(b, c), axis=-1) / determinant for a, b, c in columns)
+
+
+def _constant(values: Any) -> Any:
+    """Return values through which no derivative passes."""
+    return values if isinstance(values, np.ndarray) else jax.lax.stop_gradient(values)
+
+
 def _first_entry(
-    decay: Complex[Array, " step"],
-    envelope: Complex[Array, " sample"],
-    steps: Float[Array, " sample"],
-    step_s: float,
+    decay: Complex[Any, "... step"],
+    envelope: Complex[Any, "... sample"],
+    steps: Float[np.ndarray, " sample"],
+    step_s: Any,
 ) -> Entry:
     """Estimate where a record starts on the simulated decay: time from amplitudes, shift, phase.
 
@@ -291,32 +324,43 @@ def _first_entry(
     in least squares, over the loud values alone, so that noise or zeros at the end of a record do
     not move it, however long that end is.
     """
-    size = jnp.abs(envelope)
-    loud = jnp.where(size >= LOUD * jnp.max(size), size, 0.0)
-    grid = jnp.arange(len(decay), dtype=float)
-    places = jnp.interp(-jnp.log(size), -decay.real, grid) - steps
-    place = jnp.average(places, weights=loud**2)
-    log, _ = along(decay, place + steps)
+    xp = namespace(decay)
+    size = xp.abs(envelope)
+    loud = xp.where(size >= LOUD * xp.max(size, axis=-1, keepdims=True), size, 0.0)
+    interpolated = xp.vectorize(xp.interp, signature="(sample),(step),(step)->(sample)")
+    places = interpolated(
+        -xp.log(xp.maximum(size, np.finfo(float).tiny)),
+        -decay.real,
+        np.arange(decay.shape[-1], dtype=float),
+    )
+    weights = loud**2
+    place = xp.sum(weights * (places - steps), axis=-1) / xp.sum(weights, axis=-1)
+    log, _ = along(decay, place[..., None] + steps)
     # This phase must be added to that of the simulated decay.
-    ratio = envelope * jnp.exp(jnp.conj(log))
-    turn = jnp.angle(jnp.sum(ratio[1:] * jnp.conj(ratio[:-1])))
-    phase = jnp.angle(jnp.sum(ratio * jnp.exp(-1j * turn * steps)))
+    ratio = envelope * xp.exp(xp.conj(log))
+    turn = xp.angle(xp.sum(ratio[..., 1:] * xp.conj(ratio[..., :-1]), axis=-1))
+    phase = xp.angle(xp.sum(ratio * xp.exp(-1j * turn[..., None] * steps), axis=-1))
     return Entry(place, phase, turn / step_s)
 
 
 def _normal(
-    decay: Complex[Array, " step"],
-    envelope: Complex[Array, " sample"],
+    decay: Complex[Any, "... step"],
+    envelope: Complex[Any, "... sample"],
     entry: Entry,
-    steps: Float[Array, " sample"],
-    step_s: float,
-) -> tuple[Complex[Array, " sample"], Float[Array, "own own"], Float[Array, " own"], Array]:
+    steps: Float[np.ndarray, " sample"],
+    step_s: Any,
+) -> tuple[
+    Complex[Any, "... sample"], Float[Any, "... own own"], Float[Any, "... own"], Float[Any, "..."]
+]:
     """Return residual, normal matrix, gradient (log amplitude, phase, shift), and log slope."""
+    xp = namespace(decay)
     model, slope = follow(decay, entry, steps, step_s)
     residual = envelope - model
-    rate = slope[0].real
-    units = jnp.ones_like(model)
-    columns = model * jnp.stack([slope / rate, 1j * units, 1j * step_s * steps * units])
-    precision = (jnp.conj(columns) @ columns.T).real
-    gradient = (jnp.conj(columns) @ residual).real
+    rate = slope[..., 0].real
+    columns = model[..., None, :] * xp.stack(
+        xp.broadcast_arrays(slope / rate[..., None], 1j, 1j * step_s * steps), axis=-2
+    )
+    transposed = xp.conj(columns)
+    precision = (transposed @ xp.swapaxes(columns, -1, -2)).real
+    gradient = (transposed @ residual[..., None])[..., 0].real
     return residual, precision, gradient, rate

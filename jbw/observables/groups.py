@@ -11,6 +11,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Inexact
 
+from jbw.arrays import namespace
+
 # If columns are scaled to norm one, singular values below this are rounding errors.
 SPANS = 1e-10
 
@@ -92,7 +94,7 @@ class Groups(eqx.Module):
     def num_taken(self) -> Float[Array, " group"]:
         """The number of fitted constants of each data group; each takes a degree of freedom."""
         rows = concrete(self.spanned)
-        xp: Any = np if isinstance(rows, np.ndarray) else jnp
+        xp = namespace(rows)
         return xp.round(xp.sum(rows**2, axis=(1, 2)))
 
     @property
@@ -235,7 +237,7 @@ def beside_own(
 
 def with_slope(groups: Groups, slope: Float[Any, "group value own"]) -> Groups:
     """Return the data groups with derivatives of predictions with respect to run offsets."""
-    xp: Any = np if isinstance(slope, np.ndarray) else jnp
+    xp = namespace(slope)
     return changed(groups, directions=beside_own(xp.moveaxis(slope, -1, 1), groups))
 
 

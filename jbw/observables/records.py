@@ -63,7 +63,6 @@ MOST_ROWS = 12
 # Relative steps of finite differences, which change the motion by about a thousandth. The
 # truncation error is of fourth order in the step; rounding adds 1e-12.
 DIFFERENCE = {"omega_n": 3e-6, "zeta": 5e-4}
-NUM_POWERS = 6  # number of coefficients of a band-limited input's polynomials
 SUBSTEPS = 2  # smallest default number of solver steps between samples
 
 
@@ -564,7 +563,7 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
         with suppress(Exception):
             joints = joints_at(dict.fromkeys(names, np.ones(1)), laws)
             if joints is not None and not any(law.depth for law in joints.laws):
-                compile_ahead(joints, NUM_POWERS, order)
+                compile_ahead(joints, order)
 
     thread = Thread(target=compiled, name=messages.COMPILING)
     thread.start()

@@ -5,10 +5,10 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jbw.arrays import namespace
 from jbw.errors import DataError
 from jbw.measurement.channels import whole_down, whole_up
 from jbw.observables.residual_terms import added_response, taken
@@ -68,7 +68,7 @@ def values_of(samples: Float[Array | np.ndarray, "*batch time"], lines: Lines | 
     r"""Return the samples, or a band's lines $\sqrt{2/N}\,(\mathrm{Re}\,X_n, \mathrm{Im}\,X_n)$."""
     if lines is None:
         return samples
-    xp: Any = np if isinstance(samples, np.ndarray) else jnp
+    xp = namespace(samples)
     spectrum = xp.fft.rfft(samples)[..., lines[0] : lines[1]]
     scale = np.sqrt(2 / samples.shape[-1])
     return scale * xp.concatenate([spectrum.real, spectrum.imag], axis=-1)

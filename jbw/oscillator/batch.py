@@ -24,6 +24,7 @@ from jaxtyping import Array, Float, PyTree
 from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.law import packed, unpacked
 from jbw.oscillator.oscillator import Oscillator
+from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.rare import unshared
 from jbw.oscillator.residual_sums import response_of
 from jbw.oscillator.solver import Stepping
@@ -35,6 +36,7 @@ INTERVALS = 4096  # sample intervals per piece of a record, few enough for the c
 WIDE = {"xla_cpu_prefer_vector_width": 512}
 # number of directions on which a residual is projected; missing ones are filled with zeros
 NUM_DIRECTIONS = 2
+NUM_POWERS = 6  # number of coefficients of a band-limited input's polynomials
 
 
 class MeasuredResponse(NamedTuple):
@@ -130,6 +132,7 @@ def march(
     *,
     known: Float[np.ndarray, "lane direction"] | None = None,
     writes: bool = True,
+    released: float | None = None,
 ) -> Motions:
     """Return the motion of many oscillators, from rest, under one sampled input.
 
@@ -143,13 +146,16 @@ def march(
         order: Derivative that is returned: 0 displacement, 1 velocity, 2 acceleration.
         known: Known parts a of the directions, which are no residual; None for zero.
         writes: Whether to return the responses in addition to the sums.
+        released: Displacement [m] at which the motion begins instead, on the steady loop of that
+            amplitude; None for a motion from rest.
     """
     count = len(gains)
     joints, gain = filled_up((joints, gains))
     parts = np.zeros((LANES, NUM_DIRECTIONS))
     if known is not None:
         parts[:count, : known.shape[1]] = known
-    state, totals = _at_rest(joints), _none()
+    state = _at_rest(joints) if released is None else _at_tips(joints, released)
+    totals = _none()
     written_rows, rows = [], record.rows
     products = np.zeros((count, 0 if rows is None else len(rows)))
     for number, piece in enumerate(record.pieces):
@@ -176,20 +182,14 @@ def march(
     return Motions(whole, y_peak, square, along, peak, None if rows is None else products)
 
 
-def compile_ahead(joints: Oscillator, num_powers: int, order: int) -> None:
+def compile_ahead(joints: Oscillator, order: int) -> None:
     """Compile the simulation of these laws, or wait for its compilation, without a record.
 
     Args:
         joints: Oscillators with these laws and any parameters.
-        num_powers: Powers of the input's polynomials.
         order: Measured derivative.
     """
-    joints = filled_up(joints)
-    piece = _Piece(
-        _filled(np.zeros((1, num_powers)), INTERVALS),
-        _filled(np.zeros(1), INTERVALS + 1),
-        _nothing(),
-    )
+    joints, piece = filled_up(joints), _silent_piece()
     none = np.int32(0)
     lanes = _Lanes(joints, np.zeros(LANES), np.zeros((LANES, NUM_DIRECTIONS)))
     steps = _Span(1.0, np.int32(1), none, none, np.bool_(False))
@@ -207,6 +207,18 @@ def filled_up(values: PyTree) -> PyTree:
     return jax.tree.map(filled, values)
 
 
+def silence(num_samples: int) -> MarchedRecord:
+    """Return a record without input, for free motion."""
+    num_pieces = len(_starts(num_samples))
+    return MarchedRecord((_silent_piece(),) * num_pieces, num_samples - 1, 0)
+
+
+@cache
+def _silent_piece() -> _Piece:
+    inputs = np.zeros((INTERVALS, NUM_POWERS)), np.zeros(INTERVALS + 1)
+    return _Piece(*jax.device_put(inputs), _nothing())
+
+
 @jax.jit
 def _at_rest(joints: Oscillator) -> State:
     """Return all oscillators at rest, as arrays of states for the time loop."""
@@ -217,6 +229,17 @@ def _at_rest(joints: Oscillator) -> State:
         return packed(joint.laws, (none, none, memory))
 
     return jax.vmap(rest, axis_size=LANES)(joints)
+
+
+@jax.jit
+def _at_tips(joints: Oscillator, y_peak: Scalar) -> State:
+    """Return all oscillators at the tips of their steady loops of amplitude Y, without velocity."""
+
+    def tip(joint: Oscillator) -> State:
+        memory = jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_tip(y_peak))
+        return packed(joint.laws, (jnp.asarray(y_peak, float), jnp.zeros(()), memory))
+
+    return jax.vmap(tip, axis_size=LANES)(joints)
 
 
 def _none() -> _Totals:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from jbw.arrays import namespace
 from jbw.oscillator.parameters import Scalar
 
 # Coefficients of a one-sided second difference of order 4.
@@ -69,10 +70,10 @@ def held(
     """
     if isinstance(u, HeldInput):
         return u
-    polynomials = _namespace(u).moveaxis(input_polynomials(u, hold, periodic=periodic), -1, -2)
+    polynomials = namespace(u).moveaxis(input_polynomials(u, hold, periodic=periodic), -1, -2)
     arrays: Any = u, polynomials, np.ones(u.shape[:-1])
     # NumPy is used, because `jnp.asarray` would compile a program for each shape.
-    if _namespace(u) is np:
+    if namespace(u) is np:
         samples, rows, gain = jax.device_put(arrays)
     else:
         samples, rows, gain = map(jnp.asarray, arrays)
@@ -83,7 +84,7 @@ def input_polynomials(
     u: Float[np.ndarray | Array, "... time"], hold: str, *, periodic: bool
 ) -> Float[np.ndarray | Array, "... interval power"]:
     """Return the polynomials between the samples of an input, by the method named `hold`."""
-    xp = _namespace(u)
+    xp = namespace(u)
     if hold == "zero":
         return (u if periodic else u[..., :-1])[..., None]
     if hold == "first":
@@ -102,7 +103,7 @@ def quintic(start: Float[Array, "... 3"], end: Float[Array, "... 3"]) -> Float[A
 
     For a sine of angular frequency omega its error is (omega h)^6 / 46080 of the amplitude.
     """
-    xp = _namespace(start)
+    xp = namespace(start)
     u, du, ddu = (start[..., i] for i in range(3))
     # Value, slope and curvature at the end, minus those of the parabola that starts with the given
     # values.
@@ -131,7 +132,7 @@ def periodic_derivatives(
 
     The slope of a component at the Nyquist frequency itself is zero at the samples.
     """
-    xp = _namespace(u)
+    xp = namespace(u)
     num = u.shape[-1]
     theta = 2.0 * np.pi * line_frequencies(num, 1.0, xp)
     slope_gain = 1j * xp.where(xp.arange(len(theta)) == 0.5 * num, 0.0, theta)
@@ -158,7 +159,7 @@ def record_derivatives(
     smooth up to its third derivative, so the effect of the unknown signal outside the record stays
     small and fades within a few samples of the ends.
     """
-    xp = _namespace(u)
+    xp = namespace(u)
     num = u.shape[-1]
     n = xp.arange(num)
     start, end = _bump(n), _bump(num - 1 - n)
@@ -182,13 +183,8 @@ def _bump(
 ) -> tuple[np.ndarray | Array, np.ndarray | Array, np.ndarray | Array]:
     """Return the smooth pulse n^2 exp(-(n/w)^2)/2, its slope and its curvature."""
     s = (n / _BUMP_WIDTH) ** 2
-    fall = _namespace(n).exp(-s)
+    fall = namespace(n).exp(-s)
     return 0.5 * n**2 * fall, n * (1.0 - s) * fall, (1.0 - 5.0 * s + 2.0 * s**2) * fall
-
-
-def _namespace(x: Any) -> Any:
-    """Return the module with the functions of an array: `numpy` or `jax.numpy`."""
-    return jnp if isinstance(x, jax.Array) else np
 
 
 def substep_matrices(num_powers: int, substeps: int) -> Float[np.ndarray, "substep power power"]:

@@ -168,7 +168,7 @@ def test_a_program_compiled_ahead_is_the_one_that_marches():
     laws = ("bouc_wen", "quintic")
     joint = oscillator_of({**THETA, "quintic": 1e9}, laws)
     many = jax.tree.map(lambda x: np.full(2, x), joint)
-    compile_ahead(many, 6, 0)
+    compile_ahead(many, 0)
     before = batch._marched._cache_size()
     march(many, np.ones(2), record_of(sweep(100)), FS, 2, 0)
     assert batch._marched._cache_size() == before

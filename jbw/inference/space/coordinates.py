@@ -19,6 +19,8 @@ from jaxtyping import Array, Float
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import AffineTransform, Transform
 
+from jbw.arrays import namespace
+
 Vector = Float[Any, " parameter"]  # a NumPy array outside of compiled code
 
 
@@ -77,7 +79,7 @@ class Elementwise(Coordinate):
 
     def inverse(self, y: Vector) -> Vector:
         """Return the point whose transform is y."""
-        if _namespace(y) is np:
+        if namespace(y) is np:
             return np.asarray(jax.tree.map(np.asarray, self.transform).inv(y))
         return jnp.asarray(self.transform.inv(y))
 
@@ -94,7 +96,7 @@ def interval(lower: Vector, upper: Vector) -> Elementwise:
 def unit(lower: Vector, upper: Vector) -> Elementwise:
     r"""Return the map from the unit cube to given bounds, $y = l + (u - l)\,x$."""
     ends = lower, upper - lower
-    if _namespace(lower) is np:
+    if namespace(lower) is np:
         ends = jax.device_put(ends)
     return Elementwise(AffineTransform(*ends))
 
@@ -106,12 +108,12 @@ class Logarithms(Coordinate):
 
     def forward(self, x: Vector) -> Vector:
         """Return the point with the chosen coordinates exponentiated."""
-        xp = _namespace(x)
+        xp = namespace(x)
         return xp.where(self._mask, xp.exp(xp.where(self._mask, x, 0.0)), x)
 
     def inverse(self, y: Vector) -> Vector:
         """Return the point with the logarithms of chosen parameters."""
-        xp = _namespace(y)
+        xp = namespace(y)
         return xp.where(self._mask, xp.log(xp.where(self._mask, y, 1.0)), y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
@@ -137,7 +139,7 @@ class Sinh(Coordinate):
 
     def inverse(self, y: Vector) -> Vector:
         """Return the point arsinh(y / c) for chosen parameters."""
-        xp = _namespace(y)
+        xp = namespace(y)
         scale = np.asarray(self.scale) if xp is np else self.scale
         return xp.where(scale > 0, xp.arcsinh(y / xp.where(scale > 0, scale, 1.0)), y)
 
@@ -172,11 +174,6 @@ class Composed(Coordinate):
             total = total + part.log_abs_det_jacobian(x)
             x = part.forward(x)
         return total
-
-
-def _namespace(x: Any) -> Any:
-    """Return NumPy for NumPy arrays, which compiles nothing, otherwise JAX's NumPy."""
-    return np if isinstance(x, np.ndarray) else jnp
 
 
 IDENTITY = Composed(())  # the parameters themselves
