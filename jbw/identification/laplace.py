@@ -243,7 +243,7 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
     part = evaluator(dataset.stacked, prior, bare)
     width = np.asarray(prior.upper) - np.asarray(prior.lower)
     s = np.asarray(to_search(np.asarray(best.x), prior))
-    slope = np.asarray(from_search(jax.device_put(s), prior)[1])
+    slope = from_search(s, prior)[1]
     rows, jacobian = by_label(part(s, 0), bare), by_label(part(s, 1) / slope / width, bare)
     groups = [
         (label, data.shared_runs.index(run) if not observable.own_shifts else -1)

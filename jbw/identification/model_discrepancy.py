@@ -314,7 +314,7 @@ def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
     bare = replace(data, scatter=jax.device_put(NO_OFFSET * scatter))
     width = np.asarray(prior.upper) - np.asarray(prior.lower)
     search = to_search(best.x, prior)
-    slope = np.asarray(from_search(jax.device_put(search), prior)[1])
+    slope = from_search(np.asarray(search), prior)[1]
     jacobian = evaluator(stacked, prior, bare)(search, 1) / slope / width
     return Slopes(bare, -jacobian, scatter[: len(OFFSETS)])
 

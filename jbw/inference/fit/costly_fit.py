@@ -5,9 +5,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 from numpy.typing import NDArray
@@ -33,7 +31,7 @@ from jbw.inference.lanes import (
     solved_first,
 )
 from jbw.inference.space.box import Box, named, require_float64
-from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, unit
+from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, unit
 
 Part = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 TOLERANCE = 1e-10  # relative tolerance of the sum of squares and of the step
@@ -47,6 +45,7 @@ WIDEST = 0.02
 # Otherwise, differences are widened until errors change by less than the factor SETTLED.
 # MOST_WIDENINGS is the largest number of widenings.
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12
+TINY = 1e-40  # imaginary step of a derivative
 UNIFORM = 12.0  # inverse variance of a uniform prior on the unit cube
 # A residual of this size or more is rejected, because its square may overflow.
 OUT_OF_REACH = 1e100
@@ -99,13 +98,28 @@ def costly_fits(
     If all starts are rejected, a ModelError is raised. All starts are solved in parallel.
     """
     require_float64()
+    evaluate = rows_of(residual, box, data)
+    return fits_of(
+        evaluate, box, starts=starts, max_evaluations=max_evaluations, tolerance=tolerance
+    )
+
+
+def fits_of(
+    evaluate: Evaluate,
+    box: Box,
+    *,
+    starts: Mapping[str, Any],
+    max_evaluations: int,
+    tolerance: float,
+) -> list[Fit]:
+    """Fit from each start separately, as `costly_fits`, by a function of search coordinates."""
     inside = np.stack([to_search(start, box) for start in named_starts(starts, box)])
 
     def from_start(start: NDArray[np.float64], evaluate: Evaluate) -> Fit | None:
         return _fitted(start, evaluate, box, max_evaluations, tolerance)
 
     starting = [*np.clip(inside, START_MARGIN, 1 - START_MARGIN)]
-    ends = side_by_side(from_start, starting, rows_of(residual, box, data))
+    ends = side_by_side(from_start, starting, evaluate)
     fits = [end for end in ends if end is not None]
     if not fits:
         raise ModelError(
@@ -136,7 +150,7 @@ def _fitted(
     end = trust_region(part, start, max_evaluations, tolerance)
     if not np.isfinite(end.cost):
         return None
-    x, slope = (np.asarray(point) for point in from_search(jax.device_put(end.x), box))
+    x, slope = from_search(end.x, box)
     jacobian = part(end.x, 1)
     if tolerance <= TOLERANCE:
         jacobian = wide_enough(
@@ -322,20 +336,8 @@ def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array,
 
 
 def parameters_at(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
-    """Return the parameters by name at points of the search coordinates.
-
-    Few programs are compiled, as numbers of points are rounded up to powers of two.
-    """
-    spare = (1 << (len(s) - 1).bit_length()) - len(s)
-    padded = jax.device_put(np.pad(s, ((0, spare), (0, 0)), "edge"))
-    return named(np.asarray(_forward(search_coordinate(box), padded))[: len(s)], box)
-
-
-@eqx.filter_jit
-def _forward(
-    coordinate: Composed, s: Float[Array, "point parameter"]
-) -> Float[Array, "point parameter"]:
-    return jax.vmap(coordinate.forward)(s)
+    """Return the parameters by name at points of the search coordinates."""
+    return named(search_coordinate(box).forward(s), box)
 
 
 def search_coordinate(box: Box) -> Composed:
@@ -359,15 +361,16 @@ def to_search(x: Float[np.ndarray, " parameter"], box: Box) -> Float[np.ndarray,
     return search_coordinate(box).inverse(lower + np.asarray(x) * (upper - lower))
 
 
-def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:
-    """Return normalised coordinates x at search coordinates s, with dx / ds."""
-    return _unit_and_slope(search_coordinate(box), s, box)
+def from_search(
+    s: Float[np.ndarray, " parameter"], box: Box
+) -> tuple[Float[np.ndarray, " parameter"], Float[np.ndarray, " parameter"]]:
+    r"""Return normalised coordinates x at search coordinates s, with dx / ds.
 
+    $$\frac{d\theta}{ds} = \frac{\mathrm{Im}\,\theta(s + j\epsilon)}{\epsilon}$$
 
-@eqx.filter_jit
-def _unit_and_slope(coordinate: Composed, s: Vector, box: Box) -> tuple[Vector, Vector]:
-    # Each parameter depends only on its own coordinate, so one directional derivative suffices.
-    theta, slope = jax.jvp(coordinate.forward, (s,), (jnp.ones_like(s),))
-    width = box.upper - box.lower
-    x = jnp.where(s <= 0, 0.0, jnp.where(s >= 1, 1.0, (theta - box.lower) / width))
-    return jnp.clip(x, 0.0, 1.0), slope / width
+    This derivative has no truncation error, as the step is far below the rounding error.
+    """
+    theta = search_coordinate(box).forward(s + 1j * TINY)
+    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+    x = np.where(s <= 0, 0.0, np.where(s >= 1, 1.0, (theta.real - lower) / (upper - lower)))
+    return np.clip(x, 0.0, 1.0), theta.imag / TINY / (upper - lower)

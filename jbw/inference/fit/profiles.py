@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, PyTree
 from numpy.typing import NDArray
@@ -294,8 +293,7 @@ def _profile(
     box: Box,
 ) -> Profile:
     held = box.names.index(name)
-    path = from_unit(jnp.stack([from_search(jnp.asarray(row), box)[0] for row in s]), box)
-    path = {key: np.asarray(value) for key, value in path.items()}
+    path = from_unit(np.stack([from_search(row, box)[0] for row in s]), box)
     root = np.sqrt(np.maximum(chi_square, 0.0))
     middle = int(np.argmin(chi_square))
     below = _crossing(s[: middle + 1, held][::-1], root[: middle + 1][::-1])
@@ -329,7 +327,7 @@ def _crossing(s: NDArray[np.float64], root: NDArray[np.float64]) -> float | None
 
 def _value(place: float, held: int, box: Box) -> float:
     """Return the parameter's value at a point of the search coordinates."""
-    x = from_search(jnp.full(len(box.names), place), box)[0]
+    x = from_search(np.full(len(box.names), place), box)[0]
     return float(box.lower[held] + x[held] * (box.upper[held] - box.lower[held]))
 
 

@@ -75,6 +75,8 @@ class Elementwise(Coordinate):
 
     def forward(self, x: Vector) -> Vector:
         """Return the transformed point."""
+        if namespace(x) is np:
+            return np.asarray(jax.tree.map(np.asarray, self.transform)(x))
         return jnp.asarray(self.transform(x))
 
     def inverse(self, y: Vector) -> Vector:
@@ -135,12 +137,14 @@ class Sinh(Coordinate):
 
     def forward(self, x: Vector) -> Vector:
         """Return the point c sinh x for chosen parameters."""
-        return jnp.where(self.scale > 0, self.scale * jnp.sinh(x), x)
+        xp = namespace(x)
+        scale = xp.asarray(self.scale)
+        return xp.where(scale > 0, scale * xp.sinh(x), x)
 
     def inverse(self, y: Vector) -> Vector:
         """Return the point arsinh(y / c) for chosen parameters."""
         xp = namespace(y)
-        scale = np.asarray(self.scale) if xp is np else self.scale
+        scale = xp.asarray(self.scale)
         return xp.where(scale > 0, xp.arcsinh(y / xp.where(scale > 0, scale, 1.0)), y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
