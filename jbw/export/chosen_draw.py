@@ -11,7 +11,6 @@ from jbw.errors import ConfigError, DataError
 from jbw.oscillator.laws import laws_named
 from jbw.verification.backbone import curves
 from jbw.verification.bands import band, within
-from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
 # number of the most probable draws whose backbone is checked
@@ -83,7 +82,7 @@ def backbone_within(
     draws: Draws, amplitude: Float[np.ndarray, " amplitude"], bands: Bands, laws: Laws
 ) -> NDArray[np.bool_]:
     """Return for each draw whether its backbone lies inside the bands at every amplitude."""
-    frequency, damping, _ = carry(curves, draws, amplitude, laws)
+    frequency, damping, _ = curves(draws, amplitude, laws)
     inside = np.ones(count_of(draws), bool)
     for values, edges in ((frequency, bands["frequency"]), (damping, bands["damping"])):
         lower, upper = edges[0], edges[-1]

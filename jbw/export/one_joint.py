@@ -30,7 +30,6 @@ from jbw.report.messages import study as messages
 from jbw.results.run import RunSummary
 from jbw.verification.backbone import curves
 from jbw.verification.bands import QUANTILES, band
-from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import (
     Basis,
     Draws,
@@ -127,7 +126,7 @@ def export(
     _require_positive(y_max=y_max, mass=mass)
     amplitude = y_max * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
     some = basis.thinned(NUM_DRAWS)
-    every = carry(curves, some, amplitude, laws)
+    every = curves(some, amplitude, laws)
     bands = {name: band(values) for name, values in zip(NAMES, every, strict=True)}
     if draw is None:
         number = best_draw(draws, density_of(tree), amplitude, bands, laws)
@@ -325,7 +324,7 @@ def backbone_table(
     Quantities without bands are left out.
     """
     table = {"amplitude_m": amplitude}
-    curve_by_name = dict(zip(NAMES, carry(curves, exported, amplitude, laws), strict=True))
+    curve_by_name = dict(zip(NAMES, curves(exported, amplitude, laws), strict=True))
     for name, column in zip(NAMES, COLUMNS, strict=True):
         if name not in bands:
             continue

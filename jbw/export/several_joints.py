@@ -39,7 +39,6 @@ from jbw.results.run import RunSummary
 from jbw.study.assembly_group import ModelJoint, ModelJoints, assembly_of
 from jbw.verification.backbone import curves
 from jbw.verification.bands import band
-from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, Draws, Laws, basis_of, count_of
 
 SI = "SI"
@@ -116,7 +115,7 @@ def export_joints(
     require_all(draws, laws)
     amplitude = basis.y_peak * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
     some = basis.thinned(NUM_DRAWS)
-    every = carry(curves, some, amplitude, laws)[: len(BACKBONE_NAMES)]
+    every = curves(some, amplitude, laws)[: len(BACKBONE_NAMES)]
     bands = {name: band(values) for name, values in zip(BACKBONE_NAMES, every, strict=True)}
     if draw is None:
         number = best_draw(draws, density_of(tree), amplitude, bands, laws)

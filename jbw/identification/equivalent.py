@@ -5,24 +5,25 @@ yet have no effect that matters.
 """
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Amendment, Finding, usable_within
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, shape_of
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.steady.backbone import Backbone, backbone
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, are_at_joints
 from jbw.report.messages import effects as messages
 
 NUM_DRAWS = 200
+NUM_AMPLITUDES = 40  # number of amplitudes that one program evaluates
 DAMPING = "quadratic_damping"  # law with damping and without hysteresis
 # An effect is determined if the half width of its interval / its value is below this.
 KNOWN = 0.2
@@ -59,8 +60,8 @@ def effects(
         return None
     keep = evenly_spaced(posterior, NUM_DRAWS)
     thinned = {name: values[keep] for name, values in theta.items()}
-    shift, added = _effects(thinned, y_peak, laws)
-    return Effects(np.asarray(shift), np.asarray(added) / thinned["zeta"])
+    shift, added = _effects(thinned, [y_peak], laws)
+    return Effects(shift[:, 0], added[:, 0] / thinned["zeta"])
 
 
 def only_damps(found: Effects) -> bool:
@@ -104,9 +105,10 @@ def response_finding(
     theta = _joint_draws(posterior, held, laws)
     if theta is None or y_peak <= 0:
         return None
-    responses = {}
-    for y in (share * y_peak for share in SHARES):
-        shift, added = map(np.asarray, _effects(theta, y, laws))
+    peaks, responses = [share * y_peak for share in SHARES], {}
+    for y, shift, added in zip(
+        peaks, *map(np.transpose, _effects(theta, peaks, laws)), strict=True
+    ):
         responses[messages.frequency_at(y)] = (1 + shift) * theta["omega_n"]
         responses[messages.damping_at(y)] = theta["zeta"] + added
     shape = shape_of(posterior)
@@ -129,15 +131,37 @@ def _joint_draws(
     return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))
 
 
-@partial(jax.jit, static_argnames="laws")
 def _effects(
-    theta: Mapping[str, Array], y_peak: float, laws: tuple[str, ...]
-) -> tuple[Float[Array, " draw"], Float[Array, " draw"]]:
+    theta: Mapping[str, np.ndarray], y_peak: Sequence[float], laws: tuple[str, ...]
+) -> tuple[Float[np.ndarray, "draw amplitude"], Float[np.ndarray, "draw amplitude"]]:
     """Return the relative change of natural frequency and the added damping ratio of each draw."""
-    joint = oscillator_of(theta, laws)
-    loop = joint.loop(y_peak)
-    square = joint.k + loop.stiffness
-    return jnp.sqrt(square) / joint.omega_n - 1, loop.damping / (2 * square)
+    curve = backbones_at(theta, np.asarray(y_peak, float), laws)
+    share = curve.omega / theta["omega_n"][:, None]
+    return share - 1, curve.zeta - theta["zeta"][:, None] / share
+
+
+def backbones_at(
+    theta: Mapping[str, Float[np.ndarray, " point"]],
+    y_peak: Float[np.ndarray, " amplitude"],
+    laws: tuple[str, ...],
+) -> Backbone:
+    """Return `jbw.backbone` at many parameter points and amplitudes, points along the first axis.
+
+    One program per set of laws serves all numbers of points and of amplitudes.
+    """
+    if not are_at_joints(laws):  # At joints the numbers of the reduced model are needed, too.
+        needed = {quantity.name for quantity in (*OSCILLATOR, *quantities_of(laws))} - {"gain"}
+        theta = {name: values for name, values in theta.items() if name in needed}
+    padded = np.pad(y_peak, (0, -len(y_peak) % NUM_AMPLITUDES), "edge").reshape(-1, NUM_AMPLITUDES)
+    parts = [at_points(_backbone, theta, (row, laws)) for row in jax.device_put([*padded])]
+    rows = (np.concatenate(some, axis=1)[:, : len(y_peak)] for some in zip(*parts, strict=True))
+    return Backbone(*rows)
+
+
+def _backbone(theta: Mapping[str, Array], seen: tuple[Array, tuple[str, ...]]) -> tuple[Array, ...]:
+    y_peak, laws = seen
+    curve = backbone(oscillator_of(theta, laws), y_peak)
+    return curve.y_peak, curve.omega, curve.zeta, curve.amplitude
 
 
 def within_response(
@@ -155,9 +179,9 @@ def within_response(
     theta = _joint_draws(posterior, held, laws)
     if theta is None or not laws or y_peak <= 0:
         return None
-    shift, added = map(np.asarray, _effects(theta, y_peak, laws))
+    shift, added = _effects(theta, [y_peak], laws)
     spans = []
-    for values in (shift, theta["zeta"] + added):
+    for values in (shift[:, 0], theta["zeta"] + added[:, 0]):
         low, middle, high = np.quantile(values, QUANTILES)
         spans.append(float((high - low) / (2 * abs(middle))))
     if not all(span <= KNOWN for span in spans):

@@ -8,17 +8,16 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ModelError
 from jbw.identification.coordinates import box_of
+from jbw.identification.curve_fit import from_amplitude_curve
 from jbw.identification.stated_modes import unknown_signs, with_signs
 from jbw.identification.thresholds_crossed import log_evidence, other_sides
 from jbw.identification.uncertain_shapes import first_factors
@@ -27,16 +26,12 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.identifiability import WeakDirection
 from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
-from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
-from jbw.measurement.resonances import AmplitudeCurve
+from jbw.inference.space.box import Box, from_unit
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
-from jbw.observables.drives import by_secant, of_drive, plain, told_by
-from jbw.oscillator.modes.assembled import is_assembled
-from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.steady.backbone import backbone
+from jbw.observables.drives import by_secant, told_by
 from jbw.parts import Parts, unkept
-from jbw.quantities import MODAL, STUCK, motion_factors_in
+from jbw.quantities import STUCK, motion_factors_in
 from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
@@ -51,11 +46,6 @@ NUM_SCREENED = 255
 ROUNDS = ((11, 8), (4, 12), (2, 60))
 # If chi-square per degree of freedom is smaller than this, the residuals are mainly noise.
 EXPLAINED = 1.2
-# parameters that frequency and damping against amplitude do not determine
-BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}
-STARTS = 8
-# relative errors of frequency and damping, in place of those that a curve states
-FREQUENCY_STD, DAMPING_STD = 1e-4, 0.03
 
 
 def first_fit(
@@ -79,7 +69,9 @@ def first_fit(
     """
     values = {**first_factors(data), **told_by(data.parts, data.held), **(known or {})}
     prior = box_of(settings, data, values)
-    values = {**from_amplitude_curve(key, data, prior, values), **values, **(start or {})}
+    values |= start or {}
+    if not set(prior.names) <= values.keys():
+        values = from_amplitude_curve(key, data, prior, values) | values
     if unknown_signs(prior, data):
         begun, data = with_signs(fit_from(key, data, prior, values, alone=True), prior, data)
         values |= begun.theta
@@ -87,21 +79,6 @@ def first_fit(
     best, data = with_signs(parts("fit", fitted, Fit, WeakDirection), prior, data)
     across = partial(across_thresholds, best, prior, data)
     return prior, parts("fit across thresholds", across, Fit, WeakDirection), data
-
-
-def from_amplitude_curve(
-    key: Key[Array, ""], data: Dataset, prior: Box, known: Mapping[str, float]
-) -> dict[str, float]:
-    """Fit the laws to measured frequency and damping over amplitude; return {} if unmeasured."""
-    curves = ((part, part.shown().amplitude_curve()) for part in data.parts)
-    part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
-    of_model = is_assembled(data.held)  # One mode determines only a sum over all joints.
-    if part is None or curve is None or "zeta" not in prior.names or of_model:
-        return {}
-    part_bounds = of_drive(bounds_by_name(prior), part.drive)
-    bounds = {n: x for n, x in part_bounds.items() if n not in BESIDE_CURVE and n == plain(n)}
-    best = fit_curve(key, data.laws, box(bounds), rows_of_curve(curve))
-    return {name: value for name, value in best.theta.items() if name not in known}
 
 
 def fit_from(
@@ -245,60 +222,3 @@ def points_at(
     """Return the parameters at steps from a fit, moved into the prior bounds."""
     columns = (list(best.theta.values()) + steps).T
     return inside(dict(zip(best.theta, columns, strict=True)), prior)
-
-
-class WhiteRows(NamedTuple):
-    """Stiffness and loss at each amplitude, with the matrix that normalises their errors.
-
-    Attributes:
-        y: Amplitudes [m].
-        values: All omega^2, then all 2 zeta omega^2, divided by `unit`.
-        white: Inverse Cholesky factor of the covariance of the values.
-        unit: Mean of omega^2 [rad^2/s^2].
-    """
-
-    y: Float[Array, " amplitude"]
-    values: Float[Array, " row"]
-    white: Float[Array, "row row"]
-    unit: float
-
-
-def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
-    """Return a curve's stiffness (relative error 2e-4) and loss (error 3 % of the largest loss)."""
-    square = curve.omega**2
-    unit = float(np.mean(square))
-    stiffness, loss = square / unit, 2 * curve.zeta * square / unit
-    std = np.append(2 * FREQUENCY_STD * stiffness, np.full(len(loss), DAMPING_STD * np.max(loss)))
-    rows = curve.y, np.append(stiffness, loss), np.diag(1 / std)
-    y, values, white = jax.device_put(rows)
-    return WhiteRows(y, values, white, unit)
-
-
-class CurveMisfit(eqx.Module):
-    r"""The errors of laws in stiffness and loss against amplitude, in standard deviations.
-
-    $$\omega(Y)^2 = k + \sum_l K_l(Y), \qquad
-      2\,\zeta(Y)\,\omega(Y)^2 = 2\zeta\omega_n\omega(Y) + \sum_l C_l(Y)$$
-
-    K and C are those of the laws' steady loops. Instances with equal laws are equal, so that
-    compiled code is reused.
-    """
-
-    laws: tuple[str, ...] = eqx.field(static=True)
-
-    def __call__(self, theta: Mapping[str, Array], seen: WhiteRows) -> Float[Array, " row"]:
-        """Return the normalised errors of stiffness and loss at all amplitudes."""
-        model = backbone(oscillator_of(theta, self.laws), seen.y)
-        stiffness = model.omega**2 / seen.unit
-        made = jnp.concatenate([stiffness, 2 * model.zeta * stiffness])
-        return seen.white @ (seen.values - made)
-
-
-def fit_curve(key: Key[Array, ""], laws: tuple[str, ...], prior: Box, rows: WhiteRows) -> Fit:
-    """Fit laws to stiffness and loss against amplitude, from starts over the whole prior.
-
-    Raises:
-        ModelError: None of the starts has a steady loop.
-    """
-    starts = parameters_at(generator(key).random((STARTS, len(prior.names))), prior)
-    return costly_fit(CurveMisfit(laws), prior, rows, starts=starts)

@@ -39,7 +39,8 @@ from scipy.optimize import root_scalar
 from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import another_law
 from jbw.identification.coordinates import box_of
-from jbw.identification.first_fit import from_amplitude_curve, middle_but, rough
+from jbw.identification.curve_fit import from_amplitude_curve
+from jbw.identification.first_fit import middle_but, rough
 from jbw.identification.held_out import HeldOut, held_out, labels_by_run
 from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.fit.costly_fit import residual_at

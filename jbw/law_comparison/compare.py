@@ -66,7 +66,7 @@ from jbw.study.look import look_groups, look_quietly
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predict import Request, predict
-from jbw.verification.predicted import carry, is_measured
+from jbw.verification.predicted import is_measured
 from jbw.verification.predictive_basis import basis_of
 
 logger = logging.getLogger("jbw")
@@ -351,7 +351,7 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
     frequency, damping = [], []
     for law in weighed.values():
         theta = _some(law.draws, law.candidate.fitted.data)
-        carried = carry(curves, theta, jnp.asarray(amplitude), law.candidate.laws)
+        carried = curves(theta, amplitude, law.candidate.laws)
         frequency.append(band(carried[0]))
         damping.append(band(carried[1]))
     dims = ("law", "quantile", "amplitude")

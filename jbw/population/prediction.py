@@ -1,6 +1,5 @@
 """The prediction of an unmeasured unit of the population: parameters, frequency and damping."""
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -12,7 +11,6 @@ from jbw.population.unit import GAIN
 from jbw.results.attributes import DrawnPosterior
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
-from jbw.verification.predicted import carry
 
 NUM_UNITS = 400
 NUM_AMPLITUDES = 40
@@ -137,7 +135,7 @@ def new_backbone(
     y_peak = y_peak if np.isfinite(y_peak) else 1e-3
     amplitude = y_peak * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
     draws = new_units(population, fleet, torque, seed=seed)
-    frequency, damping, _ = carry(curves, draws, jnp.asarray(amplitude), laws_of(fleet))
+    frequency, damping, _ = curves(draws, amplitude, laws_of(fleet))
     dims = ("quantile", "amplitude")
     return xr.Dataset(
         {"frequency": (dims, band(frequency), HERTZ), "damping": (dims, band(damping), RATIO)},

@@ -28,7 +28,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -55,7 +54,6 @@ from jbw.report.words import UNCOUNTED, is_of_prior
 from jbw.results.differences import ComparedJoint, ComparedQuantity, ComparedRun, RunDifference
 from jbw.results.run import RunSummary
 from jbw.verification.backbone import curves
-from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
 NUM_DRAWS = 1000  # number of draws taken from each run, so that there are a million pairs
@@ -224,7 +222,7 @@ def _along_amplitude(
         return None, []
     amplitude = y_peak * GRID
     carried = [
-        [np.asarray(x) for x in carry(curves, draws, jnp.asarray(amplitude), run.basis.laws)[:2]]
+        [np.asarray(x) for x in curves(draws, amplitude, run.basis.laws)[:2]]
         for run, draws in zip((first, second), drawn, strict=True)
     ]
     rows, bands = [], {}

@@ -1,37 +1,42 @@
 """Preparation of a campaign's tests before any fit: check, measure without a model, split.
 
 If a campaign states no law, the exponents with which frequency and damping depend on amplitude
-propose laws before anything is fitted. The proposals are fitted in turn, those with the fewest
-parameters first, then others with the same kind of force, until one leaves white residuals. If
-none does, the law with the smallest error is chosen.
+propose laws before anything is fitted. The proposals are fitted in turn, then others with the same
+kind of force, until one leaves white residuals. If none does, the law with the smallest error is
+chosen. The order is that in which the laws fit frequency and damping against amplitude.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
 import jax
 import numpy as np
+from jaxtyping import Array, Key
 
 from jbw.campaign.load import Campaign
 from jbw.campaign.tables import force_per_unit
 from jbw.errors import JbwError
 from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble, measured_in
+from jbw.identification.curve_fit import from_readings
 from jbw.identification.first_fit import first_fit
 from jbw.identification.usable import usable
 from jbw.inference.fit.fitting import Fit
-from jbw.measurement.readings.statement import KINDS_OF_FORCE
+from jbw.measurement.readings.statement import KINDS_OF_FORCE, curve_of, few_rows
+from jbw.measurement.records import Test, drive_of
+from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.dataset import Dataset
 from jbw.observables.records import compile_beside
 from jbw.oscillator.laws import law_named
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import laws as messages
 from jbw.report.messages import stages
-from jbw.study.look import Look, look_quietly
+from jbw.study.look import UNREADABLE, Look, look_quietly
 
-# An earlier proposal is preferred if its error is at most this multiple of the smallest error.
+# A law with fewer parameters is preferred if its error is at most this multiple of the smallest.
 AS_GOOD = 1.1
 
 
@@ -73,16 +78,17 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     measured = measured_in(campaign, report, tests, line_fit)
     if campaign.states_laws or several:
         return PreparedTests(measured, look, left_out)
-    measured, theta, sentence = chosen(measured, candidates(look.record.laws), seed, report)
+    groups, curve = candidates(look.record.laws), measured_curve(look, measured.chosen)
+    measured, theta, sentence = chosen(measured, groups, curve, seed, report)
     return PreparedTests(measured, look, (*left_out, sentence), theta)
 
 
-def candidates(read: Sequence[str]) -> tuple[str, ...]:
-    """Return the laws to fit, in order, after those that frequency and damping suggest.
+def candidates(read: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the laws to fit: the proposals of frequency and damping, then further laws.
 
-    The proposals and the default law come first, those with the fewest parameters before the
-    others. Other laws with a force of the same kind follow, because a measured exponent may exclude
-    the right law. If `read` is empty, the default law comes first, and all others follow.
+    The default law belongs to the proposals. Further laws have a force of the same kind, because a
+    measured exponent may exclude the right law. If `read` is empty, these are all others. Laws with
+    few parameters come first.
     """
 
     def by_size(laws: Iterable[str]) -> list[str]:
@@ -90,34 +96,54 @@ def candidates(read: Sequence[str]) -> tuple[str, ...]:
 
     kinds = [kind for kind in KINDS_OF_FORCE if not read or set(kind) & set(read)]
     others = by_size(law for kind in kinds for law in kind)
-    return tuple(dict.fromkeys([*by_size([*read, *DEFAULT_LAWS]), *others]))
+    proposals = by_size([*read, *DEFAULT_LAWS])
+    return tuple(proposals), tuple(law for law in dict.fromkeys(others) if law not in proposals)
+
+
+def measured_curve(look: Look, tests: Sequence[Test]) -> AmplitudeCurve | None:
+    """Return measured frequency and damping of the tests to fit against amplitude; None if none.
+
+    Only tests with the drive of the first one are used, because others add their own damping.
+    """
+    names = [test.name for test in tests if drive_of(test) == drive_of(tests[0])]
+    tables = [few_rows(table) for name in names for table in look.tables.get(name, [])]
+    with suppress(*UNREADABLE):
+        return curve_of(tables) if tables else None
+    return None
 
 
 def chosen(
-    seen: Measured, laws: Sequence[str], seed: int, report: Report
+    seen: Measured,
+    groups: Sequence[Sequence[str]],
+    curve: AmplitudeCurve | None,
+    seed: int,
+    report: Report,
 ) -> tuple[Measured, dict[str, float], str]:
     """Fit laws in turn; choose the first law with white residuals, or else the law that fits best.
 
-    If no fit from one start has white residuals, each law gets all starts, because one start may
-    miss the optimum of the right law.
+    Within a group, the law that fits the measured frequency and damping best is the first, and
+    starts from that fit. If no fit from one start has white residuals, each law gets all starts,
+    because one start may miss the optimum of the right law.
 
     Args:
         seen: Tests under any law.
-        laws: Names of the laws, in the order of the fits.
+        groups: Names of laws; a later group is tried if no law of an earlier one suffices.
+        curve: Measured frequency and damping against amplitude.
         seed: Random seed.
         report: Function that is called with one sentence at every stage.
 
     Returns:
         Tests under the chosen law, its fit (empty if none was made), and a sentence on it.
     """
+    key, is_white = jax.random.key(seed), False
     fits: dict[str, dict[str, float]] = {}
     errors: dict[str, float] = {}
-    is_white = False
-    for law, alone in [(law, True) for law in laws] + [(law, False) for law in laws]:
+    starts: dict[str, dict[str, float]] = {}
+    for law, alone in _trials(seen, groups, curve, starts, key):
         report(messages.trying(law))
         tried = assemble(replace(seen, laws=(law,)))
         try:
-            _, best, data = first_fit(jax.random.key(seed), tried, seen.settings, alone=alone)
+            _, best, data = first_fit(key, tried, seen.settings, start=starts.get(law), alone=alone)
         except JbwError:  # The law cannot be solved for these tests.
             continue
         fits[law] = best.theta
@@ -127,9 +153,32 @@ def chosen(
     if not errors:
         return seen, {}, ""
     enough = AS_GOOD * min(errors.values())
-    best_law = law if is_white else next(name for name in errors if errors[name] <= enough)
+    good = [name for name in errors if errors[name] <= enough]
+    best_law = law if is_white else min(good, key=lambda name: len(law_named(name).table))
     report(sentence := messages.chosen_by_fits(best_law, errors, is_white=is_white))
     return replace(seen, laws=(best_law,)), fits[best_law], sentence
+
+
+def _trials(
+    seen: Measured,
+    groups: Sequence[Sequence[str]],
+    curve: AmplitudeCurve | None,
+    starts: dict[str, dict[str, float]],
+    key: Key[Array, ""],
+) -> Iterator[tuple[str, bool]]:
+    """Yield each law with whether it gets one start alone; add its start before."""
+    laws: list[str] = []
+    for group in groups:
+        criteria = dict.fromkeys(group, np.inf)
+        for law in group if curve is not None else ():
+            tried, least = assemble(replace(seen, laws=(law,))), min(criteria.values())
+            with suppress(JbwError):  # Such a law has no steady loops.
+                found = from_readings(key, tried, seen.settings, curve, below=least)
+                if found is not None:
+                    starts[law], criteria[law] = found
+        laws += sorted(group, key=criteria.__getitem__)
+        yield from ((law, True) for law in laws[-len(group) :])
+    yield from ((law, False) for law in laws)
 
 
 def remains_of(best: Fit, data: Dataset) -> tuple[float, bool]:

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -27,7 +26,6 @@ from jbw.report.result import read_result
 from jbw.report.text import interval, length_unit, number
 from jbw.results.differences import ReadingBeside, RunBeside, RunsSideBySide, TorqueTrend
 from jbw.verification.backbone import curves
-from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
 
 NUM_DRAWS = 200  # number of draws of each run
@@ -107,7 +105,7 @@ def _along(
     basis: Basis, amplitude: Float[np.ndarray, " place"]
 ) -> Float[np.ndarray, "what draw place"]:
     """Return frequency [Hz] and damping of each draw of a run at each amplitude [m]."""
-    carried = carry(curves, basis.thinned(NUM_DRAWS), jnp.asarray(amplitude), basis.laws)
+    carried = curves(basis.thinned(NUM_DRAWS), amplitude, basis.laws)
     return np.array([np.asarray(x) for x in carried[:2]])
 
 

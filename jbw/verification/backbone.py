@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from jbw.identification.equivalent import backbones_at
 from jbw.measurement.envelopes import filter_of
 from jbw.measurement.faults.examine import read_decays
 from jbw.measurement.records import Test
@@ -39,7 +40,7 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
     if not needed <= set(draws) or not 0.0 < y_peak < np.inf:
         return None
     amplitude = np.linspace(0.0, CARRIED_ON * y_peak, NUM_AMPLITUDES + 1)[1:]
-    frequency, damping, _ = carry(curves, draws, jax.device_put(amplitude), laws)
+    frequency, damping, _ = curves(draws, amplitude, laws)
     peaks = y_peak * np.asarray(PARTS)
     angle = np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1]
     half = peaks[:, None] * np.cos(angle)
@@ -64,11 +65,11 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
 
 
 def curves(
-    theta: Mapping[str, Array], amplitude: Float[Array, " amplitude"], laws: Laws
-) -> tuple[Float[Array, " amplitude"], ...]:
-    """Return frequency [Hz], damping and force [N/kg] at amplitudes of the displacement [m]."""
-    curve = backbone(oscillator_of(theta, laws), amplitude)
-    return curve.omega / (2 * jnp.pi), curve.zeta, curve.amplitude
+    draws: Draws, amplitude: Float[np.ndarray, " amplitude"], laws: Laws
+) -> tuple[Float[np.ndarray, "draw amplitude"], ...]:
+    """Return frequency [Hz], damping and force [N/kg] of all draws at amplitudes [m]."""
+    curve = backbones_at(draws, amplitude, laws)
+    return curve.omega / (2 * np.pi), curve.zeta, curve.amplitude
 
 
 def _unloading(
@@ -137,4 +138,5 @@ def curves_of_response(
     joint, omega = oscillator_of(theta, laws), jnp.full_like(amplitude, centre)
     for _ in range(3):  # Displacement depends weakly on frequency, so few rounds are enough.
         omega = backbone(joint, amplitude / omega**order).omega
-    return curves(theta, amplitude / omega**order, laws)
+    curve = backbone(joint, amplitude / omega**order)
+    return curve.omega / (2 * jnp.pi), curve.zeta, curve.amplitude

@@ -13,7 +13,7 @@ from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification.checks import joint_step
 from jbw.identification.coordinates import box_of
-from jbw.identification.first_fit import from_amplitude_curve
+from jbw.identification.curve_fit import from_amplitude_curve
 from jbw.identification.joint import JointProblem
 from jbw.identification.prepare import prepare
 from jbw.identification.selection import decay_tests

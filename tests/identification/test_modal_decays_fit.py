@@ -8,7 +8,8 @@ from modal_decays import STARTS, STATED, TRUTH, modal_decay_test
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
-from jbw.identification.first_fit import from_amplitude_curve, inside
+from jbw.identification.curve_fit import from_amplitude_curve
+from jbw.identification.first_fit import inside
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.drives import told_by

@@ -139,7 +139,7 @@ class Sinh(Coordinate):
         """Return the point c sinh x for chosen parameters."""
         xp = namespace(x)
         scale = xp.asarray(self.scale)
-        return xp.where(scale > 0, scale * xp.sinh(x), x)
+        return xp.where(scale > 0, scale * xp.sinh(xp.where(scale > 0, x, 0.0)), x)
 
     def inverse(self, y: Vector) -> Vector:
         """Return the point arsinh(y / c) for chosen parameters."""

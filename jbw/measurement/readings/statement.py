@@ -68,6 +68,16 @@ class RecordTable(NamedTuple):
     chance: float = 0.0
 
 
+def few_rows(table: RecordTable) -> RecordTable:
+    """Return a table restricted to a few rows, which contain all information, as it is smooth."""
+    pick = np.unique(np.linspace(0, len(table.y) - 1, ROWS).astype(int))
+    square = np.ix_(pick, pick)
+    return RecordTable(
+        table.y[pick], table.hz[pick], table.zeta[pick],
+        table.hz_covariance[square], table.zeta_covariance[square], table.chance,
+    )  # fmt: skip
+
+
 def curve_of(tables: Sequence[RecordTable]) -> AmplitudeCurve:
     """Return frequency and damping of all records as one curve against amplitude.
 
@@ -194,12 +204,11 @@ def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
 
 def _rows(tables: Sequence[RecordTable], quantity: str, unit: float, top: float) -> _RowsOfRecords:
     values, r, blocks = [], [], []
-    for table in tables:
-        pick = np.unique(np.linspace(0, len(table.y) - 1, ROWS).astype(int))
-        values.append(getattr(table, quantity)[pick] / unit)
-        r.append(table.y[pick] / top)
-        covariance = getattr(table, f"{quantity}_covariance")[np.ix_(pick, pick)] / unit**2
-        blocks.append(covariance + 1e-14 * np.eye(len(pick)))
+    for table in map(few_rows, tables):
+        values.append(getattr(table, quantity) / unit)
+        r.append(table.y / top)
+        covariance = getattr(table, f"{quantity}_covariance") / unit**2
+        blocks.append(covariance + 1e-14 * np.eye(len(table.y)))
     return _RowsOfRecords(np.concatenate(r), np.concatenate(values), tuple(blocks))
 
 
