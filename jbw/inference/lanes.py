@@ -14,7 +14,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from jbw.inference.kept_programs import KeptProgram
+from jbw.kept_programs import KeptProgram
 
 evaluated = logging.getLogger("jbw.progress.points")
 LANES = 32  # number of parameter points in one compiled batch

@@ -19,8 +19,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from jbw.arrays import namespace
 from jbw.inference.groups.offsets import Estimate
-from jbw.inference.kept_programs import KeptProgram
 from jbw.inference.lanes import FIT_LANES
+from jbw.kept_programs import KeptProgram
 from jbw.measurement.channels import rms
 from jbw.measurement.readings.statement import curve_of
 from jbw.measurement.resonances import AmplitudeCurve

@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
+from jbw.kept_programs import KeptProgram, returned
 from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.law import packed, unpacked
 from jbw.oscillator.oscillator import Oscillator
@@ -74,6 +75,7 @@ class Motions(NamedTuple):
     products: Float[np.ndarray, "lane row"] | None = None
 
 
+@returned
 class _Totals(NamedTuple):
     """The sums and peaks that are carried from one piece of a record to the next."""
 
@@ -154,19 +156,22 @@ def march(
     parts = np.zeros((LANES, NUM_DIRECTIONS))
     if known is not None:
         parts[:count, : known.shape[1]] = known
-    state = _at_rest(joints) if released is None else _at_tips(joints, released)
-    totals = _none()
+    lanes = jax.device_put(_Lanes(joints, gain, parts))
+    if released is None:
+        state = _at_rest(lanes.joints)
+    else:
+        state = _at_tips(lanes.joints, jax.device_put(np.float64(released)))
+    totals = jax.device_put(_none())
     written_rows, rows = [], record.rows
     products = np.zeros((count, 0 if rows is None else len(rows)))
     for number, piece in enumerate(record.pieces):
         done = number * INTERVALS
         size = min(INTERVALS, record.num_intervals - done)
         steps = _Span(
-            float(fs), np.int32(substeps), np.int32(size * substeps),
+            np.float64(fs), np.int32(substeps), np.int32(size * substeps),
             np.int32(record.first - done), np.bool_(number == 0),
         )  # fmt: skip
-        lanes = _Lanes(joints, gain, parts)
-        state, totals, written = _marched(order, lanes, piece, steps, state, totals)
+        state, totals, written = _marched(order, lanes, piece, jax.device_put(steps), state, totals)
         # A piece begins with the last sample of the previous piece.
         begin = 0 if number == 0 else 1
         if rows is not None:  # Multiply here, because the piece is still in the cache.
@@ -192,8 +197,8 @@ def compile_ahead(joints: Oscillator, order: int) -> None:
     joints, piece = filled_up(joints), _silent_piece()
     none = np.int32(0)
     lanes = _Lanes(joints, np.zeros(LANES), np.zeros((LANES, NUM_DIRECTIONS)))
-    steps = _Span(1.0, np.int32(1), none, none, np.bool_(False))
-    _marched(order, lanes, piece, steps, _at_rest(joints), _none())
+    steps = _Span(np.float64(1.0), np.int32(1), none, none, np.bool_(False))
+    _marched(order, *jax.device_put((lanes, piece, steps, _at_rest(joints), _none())))
 
 
 def filled_up(values: PyTree) -> PyTree:
@@ -219,7 +224,7 @@ def _silent_piece() -> _Piece:
     return _Piece(*jax.device_put(inputs), _nothing())
 
 
-@jax.jit
+@KeptProgram
 def _at_rest(joints: Oscillator) -> State:
     """Return all oscillators at rest, as arrays of states for the time loop."""
 
@@ -231,7 +236,7 @@ def _at_rest(joints: Oscillator) -> State:
     return jax.vmap(rest, axis_size=LANES)(joints)
 
 
-@jax.jit
+@KeptProgram
 def _at_tips(joints: Oscillator, y_peak: Scalar) -> State:
     """Return all oscillators at the tips of their steady loops of amplitude Y, without velocity."""
 
@@ -327,7 +332,7 @@ class _Cache:
 _CACHE = _Cache()
 
 
-@partial(jax.jit, static_argnums=0, compiler_options=WIDE)
+@partial(KeptProgram, options=WIDE)
 def _marched(
     order: int, lanes: _Lanes, piece: _Piece, steps: _Span, state: State, totals: _Totals
 ) -> tuple[State, _Totals, Float[Array, "sample lane"]]:

@@ -34,6 +34,7 @@ import diffrax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
+from jbw.kept_programs import returned
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
 from jbw.oscillator.law import Bounds, Law, Loop, Scales
 from jbw.oscillator.laws.bouc_wen import SHARE
@@ -52,6 +53,7 @@ PARTS = 4  # Runge-Kutta steps in each of many moves along a record
 NEWTON = (1e-10, 100.0)
 
 
+@returned
 class Worn(NamedTuple):
     """The internal state: spring stretch z [m], dissipated energy e relative to alpha z_y^2 [-]."""
 

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jbw.errors import ModelError
+from jbw.kept_programs import returned
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse
 from jbw.oscillator.law import Branch, Law, Loop
 from jbw.oscillator.laws.iwan import Iwan4
@@ -36,6 +37,7 @@ _GRADED = 3
 _WITHIN = 1.0 - 1e-14
 
 
+@returned
 class SliderStretches(NamedTuple):
     """The stretch of every slider's spring [m], and its sliding direction (0 if stuck)."""
 

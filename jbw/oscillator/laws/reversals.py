@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import Array, Bool
 
+from jbw.kept_programs import returned
 from jbw.oscillator.kinks import barrier
 from jbw.oscillator.parameters import Scalar
 
@@ -26,6 +27,7 @@ _ROUNDING = 1e-14
 Entries = Any
 
 
+@returned
 class Stack(NamedTuple):
     """The remembered load reversals with their counts.
 
@@ -45,6 +47,7 @@ class Stack(NamedTuple):
     f: Entries
 
 
+@returned
 class Branch(NamedTuple):
     """The internal state of a Masing law: branch, force, and earlier load reversals.
 

@@ -33,15 +33,28 @@ class _UnnamedError(Exception):
     """The error for a value without a text that identifies the value in any process."""
 
 
+def returned[Type: type](named_tuple: Type) -> Type:
+    """Mark a class of named tuples that kept programs return, as a decorator."""
+    name = f"{named_tuple.__module__}.{named_tuple.__qualname__}"
+    jax.export.register_namedtuple_serialization(named_tuple, serialized_name=name)
+    return named_tuple
+
+
 class KeptProgram[**P, R]:
     """A function that is compiled as by `equinox.filter_jit`, or found among the kept programs.
 
     Programs are kept in processes that set `jbw.cache.Programs.are_kept`. A function with an
     argument that another process cannot identify, such as a closure, is traced in each process.
+
+    Args:
+        function: A function of arrays of JAX, and of other values that do not change often.
+        options: Options of XLA's compiler.
     """
 
-    def __init__(self, function: Callable[P, R]) -> None:
-        self._function, self._compiled = function, eqx.filter_jit(function)
+    def __init__(self, function: Callable[P, R], options: Mapping[str, Any] | None = None) -> None:
+        self._options = dict(options or {})
+        self._function = function
+        self._compiled = eqx.filter_jit(function, compiler_options=self._options)
         self._programs: dict[Any, Callable[..., R] | None] = {}
         self._lock = Lock()
         update_wrapper(self, function)
@@ -59,10 +72,14 @@ class KeptProgram[**P, R]:
         if key not in self._programs:
             with self._lock:
                 if key not in self._programs:
-                    self._programs[key] = _program(self._function, (args, kwargs), arrays)
+                    self._programs[key] = self._program((args, kwargs), arrays)
         # None also if another thread has just released the program
         program = self._programs.get(key)
-        return self._compiled(*args, **kwargs) if program is None else program(*arrays)
+        if program is None:
+            return self._compiled(*args, **kwargs)
+        # The results of a kept program belong to a device, and JAX compiles it again for arguments
+        # that do not.
+        return program(*jax.device_put(arrays, *arrays[0].devices()))
 
     def forget(self) -> None:
         """Release the compiled programs of this process."""
@@ -72,11 +89,18 @@ class KeptProgram[**P, R]:
         if clear is not None:
             clear()
 
+    def _program(self, arguments: Any, arrays: Sequence[Any]) -> Callable[..., R] | None:
+        """Return the program of a function of the arrays alone; None if it cannot be kept."""
+        program = _exported(self._function, arguments, arrays)
+        if program is None:
+            return None
+        return jax.jit(program.call, compiler_options=self._options)
 
-def _program[R](
-    function: Callable[..., R], arguments: Any, arrays: Sequence[Any]
-) -> Callable[..., R] | None:
-    """Return the program of a function of the arrays alone; None if it cannot be kept."""
+
+def _exported(
+    function: Callable[..., Any], arguments: Any, arrays: Sequence[Any]
+) -> jax.export.Exported | None:
+    """Return the kept program, or export and keep it; None if it cannot be kept."""
     try:
         state = *_versions(), jax.default_backend(), str(jax.config.jax_enable_x64)
         named = f"{function.__module__}.{function.__qualname__}", arguments, state
@@ -88,7 +112,7 @@ def _program[R](
         dynamic, static = eqx.partition(arguments, eqx.is_array)
         tree = jax.tree.structure(dynamic)
 
-        def of_arrays(*values: Any) -> R:
+        def of_arrays(*values: Any) -> Any:
             args, kwargs = eqx.combine(jax.tree.unflatten(tree, values), static)
             return function(*args, **kwargs)
 
@@ -98,7 +122,7 @@ def _program[R](
         except Exception:  # Callbacks and some other operations cannot be serialised.
             return None
         keep(FOLDER, name, hashlib.sha256(content).digest() + content)
-    return jax.jit(program.call)
+    return program
 
 
 def _opened(content: bytes | None) -> jax.export.Exported | None:

@@ -15,7 +15,7 @@ import pytest
 
 import jbw
 from jbw.cache import Programs
-from jbw.inference.kept_programs import KeptProgram
+from jbw.kept_programs import KeptProgram
 from jbw.paper.kernels import h1
 
 OMEGA = jnp.linspace(1.0, 3.0, 5)
@@ -99,7 +99,7 @@ def test_nothing_is_kept_unless_a_command_asks(tmp_path, monkeypatch):
 
 
 PROBE = """
-from jbw.inference.kept_programs import KeptProgram
+from jbw.kept_programs import KeptProgram
 
 @KeptProgram
 def probe(x):
