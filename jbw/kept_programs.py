@@ -54,7 +54,7 @@ class KeptProgram[**P, R]:
     def __init__(self, function: Callable[P, R], options: Mapping[str, Any] | None = None) -> None:
         self._options = dict(options or {})
         self._function = function
-        self._compiled = eqx.filter_jit(function, compiler_options=self._options)
+        self._compiled = eqx.filter_jit(function, compiler_options=self._options)  # pyright: ignore
         self._programs: dict[Any, Callable[..., R] | None] = {}
         self._lock = Lock()
         update_wrapper(self, function)

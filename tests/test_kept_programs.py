@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 
 import jax
@@ -12,10 +13,14 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiling import Compiled
 
 import jbw
 from jbw.cache import Programs
 from jbw.kept_programs import KeptProgram
+from jbw.observables.samples import joints_at
+from jbw.oscillator import batch
+from jbw.oscillator.batch import INTERVALS, LANES, silence
 from jbw.paper.kernels import h1
 
 OMEGA = jnp.linspace(1.0, 3.0, 5)
@@ -47,6 +52,24 @@ def test_a_kept_program_is_found_without_tracing(folder, monkeypatch):
     again = KeptProgram(h1)(OMEGA, 2.0, 0.1)  # a new wrapper knows no program, as a new process
     np.testing.assert_array_equal(again, first)
     np.testing.assert_allclose(first, expected(2.0, 0.1), rtol=1e-14)  # some rounding errors
+
+
+def test_a_program_that_takes_its_own_results_is_compiled_once_and_kept(folder):
+    """The batch solver, piece by piece, with load reversals in named tuples."""
+    theta = {"omega_n": 118.0, "zeta": 0.005, "power_loss": 90.0, "power_exponent": 0.4}
+    joints = joints_at(
+        {name: np.array([value]) for name, value in theta.items()}, ("masing_power",)
+    )
+    march = partial(batch.march, joints, np.zeros(LANES), fs=1024.0, substeps=1, order=1)
+    with Compiled() as compiled:
+        moved = march(silence(2 * INTERVALS), released=1e-3).response
+    assert len([name for name in compiled if name == "jit(call)"]) == 2  # the tip and the march
+    assert len(list(folder.iterdir())) == 2
+    batch._marched.forget()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jax.export, "export", refuse)
+        again = march(silence(2 * INTERVALS), released=1e-3).response
+    np.testing.assert_array_equal(again, moved)
 
 
 @pytest.mark.parametrize("values", [(2.0, 0.2), (3, 0.1), (2, 0.1)])

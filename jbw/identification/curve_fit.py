@@ -78,12 +78,20 @@ def from_amplitude_curve(
 
 
 def from_readings(
-    key: Key[Array, ""], data: Dataset, settings: Identify, curve: AmplitudeCurve, *, below: float
+    key: Key[Array, ""],
+    data: Dataset,
+    settings: Identify,
+    curve: AmplitudeCurve | None,
+    *,
+    below: float,
 ) -> CurveFit | None:
     """Fit the laws of a dataset to frequency and damping that were measured without a model.
 
-    None also if the laws' number of parameters alone gives a criterion that is not `below`.
+    None without measured values, and if the laws' number of parameters alone gives a criterion that
+    is not `below`.
     """
+    if curve is None:
+        return None
     known = {**first_factors(data), **told_by(data.parts, data.held)}
     found = curve_fit(key, data, box_of(settings, data, known), curve, below=below)
     return None if found is None else found._replace(theta={**known, **found.theta})
@@ -115,9 +123,9 @@ def curve_fit(
         return None
 
     def evaluate(s: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point row"]:
-        made = backbones_at(parameters_at(s, inside), rows.y, data.laws)
-        stiffness = made.omega**2 / rows.unit
-        errors = np.concatenate([stiffness, 2 * made.zeta * stiffness], axis=1) - rows.values
+        omega, zeta, _ = backbones_at(parameters_at(s, inside), rows.y, data.laws)
+        stiffness = omega**2 / rows.unit
+        errors = np.concatenate([stiffness, 2 * zeta * stiffness], axis=1) - rows.values
         return solve_triangular(rows.factor, errors.T, lower=True, check_finite=False).T
 
     points = generator(key).random((POINTS, len(bounds)))

@@ -18,7 +18,7 @@ from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, shape_of
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.steady.backbone import Backbone, backbone
+from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, are_at_joints
 from jbw.report.messages import effects as messages
 
@@ -135,17 +135,17 @@ def _effects(
     theta: Mapping[str, np.ndarray], y_peak: Sequence[float], laws: tuple[str, ...]
 ) -> tuple[Float[np.ndarray, "draw amplitude"], Float[np.ndarray, "draw amplitude"]]:
     """Return the relative change of natural frequency and the added damping ratio of each draw."""
-    curve = backbones_at(theta, np.asarray(y_peak, float), laws)
-    share = curve.omega / theta["omega_n"][:, None]
-    return share - 1, curve.zeta - theta["zeta"][:, None] / share
+    omega, zeta, _ = backbones_at(theta, np.asarray(y_peak, float), laws)
+    share = omega / theta["omega_n"][:, None]
+    return share - 1, zeta - theta["zeta"][:, None] / share
 
 
 def backbones_at(
     theta: Mapping[str, Float[np.ndarray, " point"]],
     y_peak: Float[np.ndarray, " amplitude"],
     laws: tuple[str, ...],
-) -> Backbone:
-    """Return `jbw.backbone` at many parameter points and amplitudes, points along the first axis.
+) -> tuple[Float[np.ndarray, "point amplitude"], ...]:
+    """Return frequency [rad/s], damping and force [N/kg] of `jbw.backbone` at many points.
 
     One program per set of laws serves all numbers of points and of amplitudes.
     """
@@ -154,14 +154,14 @@ def backbones_at(
         theta = {name: values for name, values in theta.items() if name in needed}
     padded = np.pad(y_peak, (0, -len(y_peak) % NUM_AMPLITUDES), "edge").reshape(-1, NUM_AMPLITUDES)
     parts = [at_points(_backbone, theta, (row, laws)) for row in jax.device_put([*padded])]
-    rows = (np.concatenate(some, axis=1)[:, : len(y_peak)] for some in zip(*parts, strict=True))
-    return Backbone(*rows)
+    joined = (np.concatenate(some, axis=1) for some in zip(*parts, strict=True))
+    return tuple(rows[:, : len(y_peak)] for rows in joined)
 
 
 def _backbone(theta: Mapping[str, Array], seen: tuple[Array, tuple[str, ...]]) -> tuple[Array, ...]:
     y_peak, laws = seen
     curve = backbone(oscillator_of(theta, laws), y_peak)
-    return curve.y_peak, curve.omega, curve.zeta, curve.amplitude
+    return curve.omega, curve.zeta, curve.amplitude
 
 
 def within_response(

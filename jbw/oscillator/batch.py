@@ -198,7 +198,8 @@ def compile_ahead(joints: Oscillator, order: int) -> None:
     none = np.int32(0)
     lanes = _Lanes(joints, np.zeros(LANES), np.zeros((LANES, NUM_DIRECTIONS)))
     steps = _Span(np.float64(1.0), np.int32(1), none, none, np.bool_(False))
-    _marched(order, *jax.device_put((lanes, piece, steps, _at_rest(joints), _none())))
+    lanes, steps, totals = jax.device_put((lanes, steps, _none()))
+    _marched(order, lanes, piece, steps, _at_rest(lanes.joints), totals)
 
 
 def filled_up(values: PyTree) -> PyTree:

@@ -170,7 +170,7 @@ def _trials(
     laws: list[str] = []
     for group in groups:
         criteria = dict.fromkeys(group, np.inf)
-        for law in group if curve is not None else ():
+        for law in group:
             tried, least = assemble(replace(seen, laws=(law,))), min(criteria.values())
             with suppress(JbwError):  # Such a law has no steady loops.
                 found = from_readings(key, tried, seen.settings, curve, below=least)

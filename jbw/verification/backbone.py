@@ -68,8 +68,8 @@ def curves(
     draws: Draws, amplitude: Float[np.ndarray, " amplitude"], laws: Laws
 ) -> tuple[Float[np.ndarray, "draw amplitude"], ...]:
     """Return frequency [Hz], damping and force [N/kg] of all draws at amplitudes [m]."""
-    curve = backbones_at(draws, amplitude, laws)
-    return curve.omega / (2 * np.pi), curve.zeta, curve.amplitude
+    omega, zeta, force = backbones_at(draws, amplitude, laws)
+    return omega / (2 * np.pi), zeta, force
 
 
 def _unloading(

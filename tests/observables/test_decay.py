@@ -26,7 +26,7 @@ from jbw.errors import DataError
 from jbw.measurement.demodulation import band_filter, demodulate
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, halved, log_likelihood
-from jbw.observables.decay import Decays, begun, decay_of, matched
+from jbw.observables.decay import Decays, begun, decay_of, matched, matches_at
 from jbw.observables.decay_envelopes import along, match
 from jbw.observables.noise import draw_noise, fractions_counted, silenced
 
@@ -73,6 +73,32 @@ def test_along_follows_between_steps_and_beyond_the_ends():
     np.testing.assert_allclose(slope, -0.02 + 2e-4 * place + 0.03j, atol=1e-12)
     outside = along(jnp.asarray(log), jnp.asarray([-5.0]))[0][0]
     np.testing.assert_allclose(outside, log[0] - 5 * (log[1] - log[0]), atol=1e-12)
+
+
+@pytest.mark.parametrize("laws", [("bouc_wen",), ("masing_power",), ()])
+def test_decays_at_many_points_are_those_of_each_point(laws):
+    """By the batch solver and NumPy, as by one traced program for each point."""
+    theta = TRUTH | {"power_loss": 90.0, "power_exponent": 0.4}
+    data = Decays.of(decay_test(), laws=laws)
+    many = {name: value * np.array([1.0, 1.001, 0.998]) for name, value in theta.items()}
+    found = matches_at(many, data)
+    for i in range(3):
+        point = {name: jnp.asarray(values[i]) for name, values in many.items()}
+        expected = data.matches(point)
+        for ours, theirs in zip(found.entry, expected.entry, strict=True):
+            np.testing.assert_allclose(ours[i], theirs, rtol=1e-8, atol=1e-9)
+        scale = np.abs(data.mean).max()
+        np.testing.assert_allclose(found.residual[i] / scale, expected.residual / scale, atol=1e-9)
+        np.testing.assert_allclose(found.precision[i], expected.precision, rtol=1e-7, atol=1e-12)
+
+
+def test_a_decay_that_diverges_spoils_no_other_point():
+    data = Decays.of(decay_test())
+    many = {name: np.full(2, float(value)) for name, value in TRUTH.items()}
+    many["zeta"] = np.array([ZETA, np.nan])
+    found = matches_at(many, data)
+    assert np.all(np.isfinite(found.misfit[0]))
+    assert np.all(np.isnan(found.misfit[1]))
 
 
 def test_match_finds_where_a_record_enters():

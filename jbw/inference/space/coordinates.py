@@ -15,13 +15,15 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Inexact
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import AffineTransform, Transform
 
 from jbw.arrays import namespace
 
 Vector = Float[Any, " parameter"]  # a NumPy array outside of compiled code
+# Points by rows, which may be complex for derivatives; changes of single parameters take them, too.
+Points = Inexact[Any, "*point parameter"]
 
 
 class Coordinate(eqx.Module):
@@ -73,7 +75,7 @@ class Elementwise(Coordinate):
 
     transform: Transform
 
-    def forward(self, x: Vector) -> Vector:
+    def forward(self, x: Points) -> Points:
         """Return the transformed point."""
         if namespace(x) is np:
             return np.asarray(jax.tree.map(np.asarray, self.transform)(x))
@@ -108,7 +110,7 @@ class Logarithms(Coordinate):
 
     chosen: tuple[bool, ...] = eqx.field(static=True)
 
-    def forward(self, x: Vector) -> Vector:
+    def forward(self, x: Points) -> Points:
         """Return the point with the chosen coordinates exponentiated."""
         xp = namespace(x)
         return xp.where(self._mask, xp.exp(xp.where(self._mask, x, 0.0)), x)
@@ -135,7 +137,7 @@ class Sinh(Coordinate):
 
     scale: Vector
 
-    def forward(self, x: Vector) -> Vector:
+    def forward(self, x: Points) -> Points:
         """Return the point c sinh x for chosen parameters."""
         xp = namespace(x)
         scale = xp.asarray(self.scale)
@@ -159,7 +161,7 @@ class Composed(Coordinate):
 
     parts: tuple[Coordinate, ...]
 
-    def forward(self, x: Vector) -> Vector:
+    def forward(self, x: Points) -> Points:
         """Return the point after all changes of variable."""
         for part in self.parts:
             x = part.forward(x)
