@@ -370,16 +370,18 @@ def begun(
     """
     best_match = match(decay, envelope, data.step_s)
     # A short section hardly determines the noise, so the noise of the fitted records is used.
-    precision = best_match.precision * data.fraction / noise_std**2
+    xp = namespace(decay)
+    fraction, shift_std = xp.asarray(data.fraction), xp.asarray(data.shift_std)
+    precision = best_match.precision * fraction / noise_std**2
     # If the section is too short to determine the shift, the shift's prior determines it.
-    variance = data.shift_std**2 + law_std**2
-    both = jnp.linalg.inv(precision.at[2, 2].add(1 / variance))
+    variance = shift_std**2 + law_std**2
+    both = xp.linalg.inv(precision + xp.diag(np.array([0.0, 0.0, 1.0])) / variance)
     total = best_match.entry.shift * (1 - both[2, 2] / variance)
     centre = -both[:, 2] * best_match.entry.shift / variance
-    share, length_s = data.shift_std**2 / variance, data.step_s * len(envelope)
-    kept = jnp.array([[1.0, 0.0, 0.0], [0.0, 1.0, (1 - share) * length_s], [0.0, 0.0, share]])
-    own = jnp.array([0.0, -length_s, 1.0])
-    covariance = kept @ both @ kept.T + data.shift_std**2 * (1 - share) * jnp.outer(own, own)
+    share, length_s = shift_std**2 / variance, data.step_s * len(envelope)
+    kept = xp.array([[1.0, 0.0, 0.0], [0.0, 1.0, (1 - share) * length_s], [0.0, 0.0, share]])
+    own = np.array([0.0, -length_s, 1.0])
+    covariance = kept @ both @ kept.T + shift_std**2 * (1 - share) * np.outer(own, own)
     change = centre - (1 - share) * total * own
     return Beginning(
         Beginning(best_match.entry, covariance, best_match.rate).moved(change),
@@ -396,24 +398,6 @@ def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
     return int(min(max(num_values, LEAST_BEGUN), half))
 
 
-@eqx.filter_jit
-def predicted_from_beginnings(
-    theta: Theta, data: Decays, size: int
-) -> tuple[Complex[Array, "record step"], tuple[Float[Array, " record"], Float[Array, " record"]]]:
-    """Predict each envelope from its start; also return the errors of log amplitude and shift.
-
-    The shift is in rad/s.
-    """
-    decay, steps = decay_of(theta, data), jnp.arange(data.mean.shape[1], dtype=float)
-
-    def one(pair: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        beginning = begun(decay, pair[0][:size], pair[1], data)
-        errors = jnp.sqrt(jnp.diag(beginning.covariance))
-        return follow(decay, beginning.entry, steps, data.step_s)[0], (errors[0], errors[2])
-
-    return jax.lax.map(one, (data.mean, data.groups.noise_std))
-
-
 def drift_from_beginning(theta: Theta, data: Decays, run: str) -> LeftOutDecay:
     """Return the drift of a record from the prediction that starts from the record's beginning.
 
@@ -426,11 +410,14 @@ def drift_from_beginning(theta: Theta, data: Decays, run: str) -> LeftOutDecay:
     others = np.delete(noise, record)
     usual = float(np.median(others)) if len(others) else float(noise[record])
     noise_std = max(usual, np.sqrt(white_square(own) / 2))
-    seen = replace(data, groups=changed(data.groups, noise_std=np.full(len(noise), noise_std)))
-    predicted, errors = predicted_from_beginnings(theta, alone(seen), size)
-    time = data.step_s * (np.arange(data.mean.shape[1]) - 0.5 * size)
-    measured, expected = (np.asarray(row[record])[size:] for row in (data.mean, predicted))
-    at_start = float(errors[0][record]), float(errors[1][record])
+    (decay,) = decays_at({name: np.array([float(x)]) for name, x in theta.items()}, data)
+    measured = np.asarray(data.mean[record])
+    beginning = begun(decay, measured[:size], np.array(noise_std), data)
+    steps = np.arange(len(measured), dtype=float)
+    expected, _ = follow(decay, beginning.entry, steps, data.step_s)
+    error, _, shift_error = np.sqrt(np.diag(beginning.covariance)).tolist()
+    time = data.step_s * (steps - 0.5 * size)
     return left_out_decay(
-        measured, expected, time[size:], at_start, noise_std, float(data.fraction)
-    )
+        measured[size:], expected[size:], time[size:], (error, shift_error), noise_std,
+        float(data.fraction),
+    )  # fmt: skip

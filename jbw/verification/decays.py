@@ -13,7 +13,7 @@ from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.generator import generator
 from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
-from jbw.observables.decay import Decays, begun, counting, decay_of, num_begun
+from jbw.observables.decay import Decays, begun, counting, decays_at, num_begun
 from jbw.observables.decay_envelopes import follow
 from jbw.observables.groups import changed
 from jbw.observables.modal_decays import ModalDecays
@@ -251,7 +251,7 @@ def drifted(
 
 def _along(source: Source, data: Decays) -> Entered:
     """Return a function that predicts records of one mode for all draws and reference models."""
-    decays, others = source.observed(data, decay_of)
+    decays, others = source.carried(lambda draws, laws: decays_at(draws, replace(data, laws=laws)))
 
     def entered(
         key: Key[Array, ""], seen: Decays, time: np.ndarray, law_std: float

@@ -149,12 +149,10 @@ class Source:
             others[LAW] = jax.tree.map(middle, of_all(self.undisturbed))
         return of_all(((self.draws, self.basis.laws), *self.beside)), others
 
-    def observed(
-        self, data: Observable, predict: Callable[..., PyTree] = prediction
-    ) -> tuple[Any, dict[str, Any]]:
+    def observed(self, data: Observable) -> tuple[Any, dict[str, Any]]:
         """Return the predictions of data for all draws, and for each reference model by name."""
         seen = alone(data)
-        return self.carried(lambda draws, laws: carry(predict, draws, replace(seen, laws=laws)))
+        return self.carried(lambda draws, laws: carry(prediction, draws, replace(seen, laws=laws)))
 
 
 def source_of(
