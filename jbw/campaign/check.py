@@ -36,7 +36,7 @@ from jbw.measurement.faults.long_records import DRIFTS, long_records
 from jbw.measurement.faults.loops import loop_causes, one_sided, travels_freely
 from jbw.measurement.faults.noise import noisy_drive, untimely
 from jbw.measurement.faults.plausibility import doubts, swapped
-from jbw.measurement.faults.second_resonance import second_resonance
+from jbw.measurement.faults.second_mode import second_resonance
 from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
