@@ -15,12 +15,18 @@ from typing import Any
 import numpy as np
 
 from jbw.campaign.document import toml
-from jbw.campaign.duplicates import ResponseOrigin, held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.joints import STRUCTURE, JointsCheck, check_joints
 from jbw.campaign.schema import CampaignSpec, read_spec
 from jbw.campaign.tables import TestSpec, force_per_unit, gain_of
-from jbw.campaign.together import Level, against_levels, level_of
+from jbw.campaign.together import (
+    Level,
+    ResponseOrigin,
+    against_levels,
+    held_twice,
+    level_of,
+    source_of,
+)
 from jbw.campaign.trial import tried
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
