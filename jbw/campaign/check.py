@@ -41,7 +41,7 @@ from jbw.measurement.faults.fault import Fault, doubt, gathered, refusal, worst
 from jbw.measurement.faults.long_records import DRIFTS, long_records
 from jbw.measurement.faults.loops import loop_causes, one_sided, travels_freely
 from jbw.measurement.faults.noise import noisy_drive, untimely
-from jbw.measurement.faults.plausibility import doubts, swapped
+from jbw.measurement.faults.plausibility import already_moving, doubts, swapped
 from jbw.measurement.faults.second_mode import second_resonance
 from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests
 from jbw.measurement.kinds import KINDS, Kind
@@ -548,7 +548,7 @@ def _believable(
         yield from late
     elif traits.is_transient and driven:
         yield from swapped(record)
-        yield from responses.already_moving(record, test.band, test.settle)
+        yield from already_moving(record, test.band, test.settle)
     elif traits.is_steady:
         dwell = test.dwell if traits.is_stepped else None
         yield from responses.unsteady(record, test.tones, test.settle, dwell)

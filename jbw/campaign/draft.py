@@ -34,7 +34,7 @@ from jbw.measurement.files.paths import select
 from jbw.measurement.files.read import READERS, opened, records
 from jbw.measurement.files.tree import RATE, Contents, Leaf, load, names
 from jbw.measurement.kinds import KINDS, Kind
-from jbw.measurement.recorders.facts import is_time
+from jbw.measurement.recorders.recorder import is_time
 from jbw.measurement.records import (
     BASE,
     CLOCKS,
