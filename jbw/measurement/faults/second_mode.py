@@ -208,7 +208,7 @@ def _in_sweep(fits: SweepFits, away: float) -> SweepCause:
     def with_mode(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
         pole = -(abs(values[0]) + 1e-6) * rate + 1j * (first + values[1] * rate)
         pole = np.full(len(signal.time), pole)
-        second = sweep_columns(signal, pole, mirror_of(signal, pole)).columns
+        second, _, _ = sweep_columns(signal, pole, mirror_of(signal, pole))
         return np.column_stack([columns, second[:, 0]])
 
     return SweepCause(np.array([1.0, away]), with_mode)
