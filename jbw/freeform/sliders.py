@@ -71,22 +71,6 @@ def loss_share(amplitude: ArrayLike, half_width: ArrayLike) -> np.ndarray:
     return 4 / np.pi * x * (1 - x)
 
 
-def play_force(y: Reals, strengths: Reals, half_widths: Reals, stiffness: float) -> Reals:
-    """Return the sliders' force along a motion from rest, exact for piecewise linear motion.
-
-    Args:
-        y: Displacement [m].
-        strengths: Strength w of every slider [N/kg/m].
-        half_widths: Half width d of every slider [m].
-        stiffness: Stiffness omega_n^2 of the fully stuck joint [N/kg/m].
-    """
-    play, force = np.zeros_like(half_widths), np.empty(len(y))
-    for k, position in enumerate(y):
-        play = np.clip(play, position - half_widths, position + half_widths)
-        force[k] = stiffness * position - strengths @ play
-    return force
-
-
 @dataclass(frozen=True)
 class SliderGrid:
     """A grid of bins of the sliders' half width, equally wide in its logarithm.
