@@ -1,6 +1,14 @@
-"""The recording of compilations within a block of a test."""
+"""The recording of compilations within a block of a test, and the release of compiled code."""
+
+import ctypes
+import gc
+import os
+from contextlib import suppress
+from pathlib import Path
 
 import jax
+
+PAGES = Path("/proc/self/statm")
 
 
 class Compiled(list):
@@ -16,3 +24,16 @@ class Compiled(list):
     def listen(self, event, seconds, **about):
         if event.endswith("backend_compile_duration"):
             self.append(about.get("fun_name"))
+
+
+def forget_when_large(most):
+    """Release compiled code if this process uses more than `most` bytes; return whether it did."""
+    if not PAGES.exists():
+        return False
+    if int(PAGES.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") <= most:
+        return False
+    jax.clear_caches()
+    gc.collect()
+    with suppress(AttributeError, OSError):  # only the GNU C library has malloc_trim
+        ctypes.CDLL(None).malloc_trim(0)  # returns free memory to the system
+    return True

@@ -15,6 +15,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import hypothesis
 import jax
 import pytest
+from compiling import forget_when_large
 from durations import LONG, measured, pytest_addoption, pytest_configure, split  # noqa: F401
 from finished import forget
 from shapes import check_shapes
@@ -30,7 +31,7 @@ hypothesis.settings.load_profile("repeated")
 # The objects that JAX traces live long; searching them for garbage takes 5 % of the time.
 gc.set_threshold(100_000, 20, 20)
 from jbw.errors import Attempts  # noqa: E402
-from jbw.inference.compiled import forget_when_large, forget_when_many  # noqa: E402
+from jbw.inference.compiled import forget_when_many  # noqa: E402
 from jbw.run.session import keep_compiled  # noqa: E402
 
 KEPT = keep_compiled("tests")

@@ -15,12 +15,18 @@ from typing import Any
 import numpy as np
 
 from jbw.campaign.document import toml
-from jbw.campaign.duplicates import ResponseOrigin, held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.joints import STRUCTURE, JointsCheck, check_joints
 from jbw.campaign.schema import CampaignSpec, read_spec
 from jbw.campaign.tables import TestSpec, force_per_unit, gain_of
-from jbw.campaign.together import Level, against_levels, level_of
+from jbw.campaign.together import (
+    Level,
+    ResponseOrigin,
+    against_levels,
+    held_twice,
+    level_of,
+    source_of,
+)
 from jbw.campaign.trial import tried
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
@@ -35,8 +41,8 @@ from jbw.measurement.faults.fault import Fault, doubt, gathered, refusal, worst
 from jbw.measurement.faults.long_records import DRIFTS, long_records
 from jbw.measurement.faults.loops import loop_causes, one_sided, travels_freely
 from jbw.measurement.faults.noise import noisy_drive, untimely
-from jbw.measurement.faults.plausibility import doubts, swapped
-from jbw.measurement.faults.second_resonance import second_resonance
+from jbw.measurement.faults.plausibility import already_moving, doubts, swapped
+from jbw.measurement.faults.second_mode import second_resonance
 from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
@@ -542,7 +548,7 @@ def _believable(
         yield from late
     elif traits.is_transient and driven:
         yield from swapped(record)
-        yield from responses.already_moving(record, test.band, test.settle)
+        yield from already_moving(record, test.band, test.settle)
     elif traits.is_steady:
         dwell = test.dwell if traits.is_stepped else None
         yield from responses.unsteady(record, test.tones, test.settle, dwell)

@@ -34,7 +34,7 @@ from jbw.measurement.files.paths import select
 from jbw.measurement.files.read import READERS, opened, records
 from jbw.measurement.files.tree import RATE, Contents, Leaf, load, names
 from jbw.measurement.kinds import KINDS, Kind
-from jbw.measurement.recorders.facts import is_time
+from jbw.measurement.recorders.recorder import is_time
 from jbw.measurement.records import (
     BASE,
     CLOCKS,
@@ -243,7 +243,8 @@ def _bands_together(
         if BAND not in block:
             continue
         (test,) = tomllib.loads(block)["test"]
-        file = folder / (test["files"] if isinstance(test["files"], str) else test["files"][0])
+        files = test["files"]
+        file = folder / (files if isinstance(files, str) else files[0])
         first = file if file.is_file() else sorted(folder.glob(file.name))[0]
         with suppress(JbwError, ValueError, IndexError):
             lines = block.splitlines()
@@ -382,9 +383,10 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
             roles = channels_by_role(looked_at(contents).series)
             if not {"frequency", "phase"} <= set(roles):
                 continue
-            leaf = select(contents.root, roles["frequency"].path)
+            frequency = roles["frequency"]
+            leaf = select(contents.root, frequency.path)
             if isinstance(leaf, Leaf):
-                hz = load(leaf) * si_of("frequency", roles["frequency"].unit or "Hz")[0]
+                hz = load(leaf) * si_of("frequency", frequency.unit or "Hz")[0]
                 ends_hz += [float(np.nanmin(hz)), float(np.nanmax(hz))]
     return (min(ends_hz), max(ends_hz)) if ends_hz else None
 

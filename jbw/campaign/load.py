@@ -9,7 +9,6 @@ from pathlib import Path
 from textwrap import shorten
 
 from jbw.campaign.check import beside_stated, findings, gain_read, has_one_mode, unread
-from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.joints import SeveralJoints, refuse_unknown_shapes, several_joints
 from jbw.campaign.schema import CampaignSpec, read_spec
@@ -23,6 +22,7 @@ from jbw.campaign.tables import (
     force_per_unit,
     gain_of,
 )
+from jbw.campaign.together import held_twice, source_of
 from jbw.errors import DataError, JbwError
 from jbw.measurement.faults.fault import Fault, gathered
 from jbw.measurement.faults.unlike_gains import unlike_gains

@@ -128,17 +128,17 @@ def bounds(value: Any) -> tuple[Any, Any]:
 
 def prior(value: Any) -> tuple[float, float]:
     """Return the bounds of a uniform prior, or the density from a table or NumPyro distribution."""
-    if isinstance(value, Mapping) or is_distribution(value):
-        return density_of(value)
-    if not isinstance(value, list | tuple):
-        raise ValueError(
-            "must be [lower, upper], or a distribution such as { LogNormal = [-5.4, 0.3] }, "
-            f"but is {value!r}."
-        )
     if isinstance(value, Density):
         return value
-    lower, upper = bounds(value)
-    return float(lower), float(upper)
+    if isinstance(value, list | tuple):
+        lower, upper = bounds(value)
+        return float(lower), float(upper)
+    if isinstance(value, Mapping) or is_distribution(value):
+        return density_of(value)
+    raise ValueError(
+        "must be [lower, upper], or a distribution such as { LogNormal = [-5.4, 0.3] }, "
+        f"but is {value!r}."
+    )
 
 
 def unequal(value: Any) -> tuple[Any, ...]:

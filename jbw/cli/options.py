@@ -70,7 +70,7 @@ def campaigns_given(given: Sequence[Path], mass: float | None = None) -> list[Pa
         for path in given[:1]:
             require_file(path, *CAMPAIGN)
         return list(given)
-    from jbw.campaign.given import campaigns_of
+    from jbw.cli.given import campaigns_of
 
     return campaigns_of(given, lambda sentence: click.echo(sentence, err=True), mass)
 

@@ -52,8 +52,9 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     if several is not None and data.laws:
         bounds |= joint_bounds(several, data, settings.prior, scales.zeta)
     if data.modes is not None and "omega_n" in bounds and "omega_n" not in settings.prior:
-        low, high = (2 * np.pi * hz for hz in data.modes.windows_hz[0])
-        bounds["omega_n"] = max(bounds["omega_n"][0], low), min(bounds["omega_n"][1], high)
+        window = (2 * np.pi * hz for hz in data.modes.windows_hz[0])
+        (low, high), (lowest, highest) = window, bounds["omega_n"]
+        bounds["omega_n"] = max(low, lowest), min(high, highest)
     stated = term_bounds(stated_terms(data), omega_n, settings.prior)
     _require_drives(settings.prior, data)
     _require_sampled(data.stated.names, bounds | stated)

@@ -19,9 +19,6 @@ RESPONSES: tuple[Motion, ...] = get_args(Motion)
 INPUTS = ("input", "force")
 BASE = "base"  # role of the acceleration of a moving base; also the name of this drive
 SOURCES = (*INPUTS, BASE)  # roles of excitation channels in files
-# the part that drives the structure with everything attached to it; under voltage or current, this
-# includes a shaker
-DRIVES = ("voltage", "current", "force", BASE, "none")
 BY_UNIT = {"V": "voltage", "A": "current", "N": "force", "N/kg": "force", "N m": "force"}
 # Quantities that a channel of each role may measure. A source is a voltage, a current, or a force
 # per modal mass.

@@ -11,7 +11,8 @@ from jaxtyping import Array, Bool, Float
 
 from jbw.oscillator.parameters import Scalar
 
-# Slopes h v at the start and the end of a step, and the displacement in between.
+# Slopes h v at the start and the end of a step, and the displacement in between; or derivatives
+# with respect to these three.
 Ends = tuple[Scalar, Scalar, Scalar]
 
 
@@ -61,22 +62,14 @@ class Corner(NamedTuple):
     curvature: Scalar
 
 
-class PathSlopes(NamedTuple):
-    """Derivatives with respect to a path's slopes at start and end, and to its displacement."""
-
-    start: Scalar
-    end: Scalar
-    rise: Scalar
-
-
-def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
+def hermite_basis(s: Scalar) -> tuple[Ends, Ends, Ends]:
     """Return derivatives of displacement, slope and curvature at s with respect to path ends."""
     s_2 = s * s
     s_3 = s * s_2
     return (
-        PathSlopes(s - 2.0 * s_2 + s_3, s_3 - s_2, 3.0 * s_2 - 2.0 * s_3),
-        PathSlopes(1.0 - 4.0 * s + 3.0 * s_2, 3.0 * s_2 - 2.0 * s, 6.0 * (s - s_2)),
-        PathSlopes(6.0 * s - 4.0, 6.0 * s - 2.0, 6.0 - 12.0 * s),
+        (s - 2.0 * s_2 + s_3, s_3 - s_2, 3.0 * s_2 - 2.0 * s_3),
+        (1.0 - 4.0 * s + 3.0 * s_2, 3.0 * s_2 - 2.0 * s, 6.0 * (s - s_2)),
+        (6.0 * s - 4.0, 6.0 * s - 2.0, 6.0 - 12.0 * s),
     )
 
 

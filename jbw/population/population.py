@@ -166,7 +166,7 @@ def population_of(
             "One unit makes no population.", remedy="Collect the runs of several units."
         )
     root = fleet.to_dataset()
-    failed = [str(name) for name in root["unit"].values[root["verdict"].values == "failed"]]
+    failed = _failed_units(root)
     if len(failed) > num / 2 and not all_verdicts:
         raise DataError(
             f"{len(failed)} of {num} runs failed: {', '.join(failed)}.",
@@ -312,7 +312,7 @@ def record_of(
         "ratios": _ratios(fleet, pooled, design, prior, draws),
         "belongs": dict(zip(names, map(float, belongs), strict=True)),
         "weighed": _shares(units, design, draws, names),
-        "failed": root["unit"].values[root["verdict"].values == "failed"].astype(str).tolist(),
+        "failed": _failed_units(root),
         "no_logarithm": _no_logarithm(fleet),
         "sampling": _sampling(draws),
     }
@@ -403,6 +403,11 @@ def _correlation(design: CovariateDesign) -> float | None:
     if len(design.columns) < 3:
         return None
     return float(np.corrcoef(design.x[:, 1], design.x[:, 2])[0, 1])
+
+
+def _failed_units(root: xr.Dataset) -> list[str]:
+    """Return the names of the units whose runs failed."""
+    return root["unit"].values[root["verdict"].values == "failed"].astype(str).tolist()
 
 
 def _no_logarithm(fleet: xr.DataTree) -> dict[str, list[str]]:

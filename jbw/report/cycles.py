@@ -24,7 +24,7 @@ def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
     return next((prefix for prefix in ANGLES if largest * prefix[0] >= 1.0), ANGLES[-1])
 
 
-def loops_table(loops: Sequence["StoredLoop"]) -> Table:
+def loops_table(loops: "Sequence[StoredLoop]") -> Table:
     """Return a table of force loops: largest motion, and secant stiffness at that motion."""
     motion, stiffness = _written(loops)
     return table(
@@ -36,7 +36,7 @@ def loops_table(loops: Sequence["StoredLoop"]) -> Table:
     )
 
 
-def cycles_table(loops: Sequence["StoredLoop"]) -> Table:
+def cycles_table(loops: "Sequence[StoredLoop]") -> Table:
     """Return a table of cycles: amplitude, secant stiffness, work, damping, remaining stiffness."""
     (factor, unit), stiffness = _written(loops)
     return table(
@@ -56,19 +56,19 @@ def _retained(row: "StoredCycle") -> str:
     return percent(row.retained) if row.repeated else NOTHING
 
 
-def unit_of_motion(loops: Sequence["StoredLoop"]) -> str:
+def unit_of_motion(loops: "Sequence[StoredLoop]") -> str:
     """Return "rad" if all loops are of torque and rotation, otherwise "m"."""
     return "rad" if {loop.unit for loop in loops} == {"rad"} else "m"
 
 
-def _written(loops: Sequence["StoredLoop"]) -> tuple[tuple[float, str], str]:
+def _written(loops: "Sequence[StoredLoop]") -> tuple[tuple[float, str], str]:
     """Return factor and unit of the motion, and the unit of stiffness, for a table of loops."""
     unit = unit_of_motion(loops)
     largest = max((row.y for row in loops), default=1e-3)
     return motion_unit(largest, unit), "N m/rad" if unit == "rad" else "N/m"
 
 
-def _shown(loop: "StoredLoop") -> Iterator["StoredCycle"]:
+def _shown(loop: "StoredLoop") -> "Iterator[StoredCycle]":
     """Yield the cycles of a test that a table shows: all, or some at even distances."""
     count = len(loop.cycles)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOST_CYCLES)).round())

@@ -9,8 +9,8 @@ from jaxtyping import ArrayLike, Float
 from jbw.errors import ConfigError
 from jbw.oscillator.modes.backbone import modal_backbone
 from jbw.oscillator.modes.structure import Structure, admitted
+from jbw.report.assembly import mode_columns
 from jbw.report.messages import figures as labels
-from jbw.report.mode_backbones import mode_columns
 from jbw.report.style import INK, LEVELS, MODEL, SOFT, Panels, finish, title
 from jbw.report.text import length_unit, number
 

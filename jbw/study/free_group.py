@@ -8,7 +8,7 @@ import numpy as np
 
 from jbw.errors import JbwError
 from jbw.freeform.free_law import CALLED, QUANTILES, FreeLaw, free_law
-from jbw.freeform.loops import gap_sliders
+from jbw.freeform.sliders import gap_sliders
 from jbw.identification.assemble import Measured, entered, fitted_repeats
 from jbw.measurement.curves import forced_loop
 from jbw.measurement.readings.statement import RecordTable

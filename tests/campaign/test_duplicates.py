@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from jbw.campaign.check import check_campaign
-from jbw.campaign.duplicates import ResponseOrigin, held_twice
 from jbw.campaign.load import load_campaign
+from jbw.campaign.together import ResponseOrigin, held_twice
 from jbw.errors import DataError
 
 FS = 100.0

@@ -52,7 +52,7 @@ GUEST = '''"""A guest."""
 
 from dataclasses import replace
 
-from jbw.measurement.recorders.facts import top
+from jbw.measurement.recorders.recorder import top
 from jbw.measurement.recorders.recorder import Recorder
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import DataError
-from jbw.freeform.loops import GapSliders, gap_sliders
+from jbw.freeform.sliders import GapSliders, gap_sliders
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.readings.loop import slider_columns
 

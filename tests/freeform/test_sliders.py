@@ -7,11 +7,19 @@ from jbw.freeform.sliders import (
     SliderGrid,
     grid_for,
     loss_share,
-    play_force,
     stiffness_share,
 )
 
 HALF_WIDTHS, STRENGTHS, PEAK = np.array([1.0, 2.0, 4.0]), np.array([0.2, 0.1, 0.05]), 3.0
+
+
+def play_force(y, strengths, half_widths, stiffness):
+    """The sliders' force along a motion from rest, exact where the motion is piecewise linear."""
+    play, force = np.zeros_like(half_widths), np.empty(len(y))
+    for k, position in enumerate(y):
+        play = np.clip(play, position - half_widths, position + half_widths)
+        force[k] = stiffness * position - strengths @ play
+    return force
 
 
 def test_the_first_harmonic_of_one_slider_is_the_closed_form():

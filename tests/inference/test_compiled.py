@@ -2,6 +2,7 @@
 
 import os
 
+import compiling
 import jax
 import pytest
 
@@ -25,14 +26,14 @@ def test_it_forgets_when_a_process_is_large(pages, forgets, tmp_path, monkeypatc
     cleared = []
     monkeypatch.setattr(jax, "clear_caches", lambda: cleared.append(True))
     (tmp_path / "pages").write_text(f"999 {pages} 3 1 0 2 0\n")
-    monkeypatch.setattr(compiled, "PAGES", tmp_path / "pages")
+    monkeypatch.setattr(compiling, "PAGES", tmp_path / "pages")
     monkeypatch.setattr(os, "sysconf", {"SC_PAGE_SIZE": 4096}.get)
-    assert compiled.forget_when_large(5 * 4096) is forgets
+    assert compiling.forget_when_large(5 * 4096) is forgets
     assert bool(cleared) is forgets
 
 
 def test_a_machine_that_does_not_count_keeps_all(tmp_path, monkeypatch):
     monkeypatch.setattr(compiled, "MAPS", tmp_path / "none")
-    monkeypatch.setattr(compiled, "PAGES", tmp_path / "none")
+    monkeypatch.setattr(compiling, "PAGES", tmp_path / "none")
     assert compiled.forget_when_many() is False
-    assert compiled.forget_when_large(0.0) is False
+    assert compiling.forget_when_large(0.0) is False

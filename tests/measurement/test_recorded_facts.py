@@ -7,7 +7,7 @@ import scipy.io
 
 from jbw.errors import DataError
 from jbw.measurement.files.read import opened
-from jbw.measurement.recorders.facts import rate_in, rate_of
+from jbw.measurement.recorders.recorder import rate_in, rate_of
 
 NUM, FS, START = 64, 512.0, -0.125
 X = np.sin(0.3 * np.arange(NUM))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbw.measurement.faults.second_resonance import second_resonance
+from jbw.measurement.faults.second_mode import second_resonance
 from jbw.measurement.records import Record
 
 FS, SIZE = 128.0, 8192

@@ -7,8 +7,7 @@ import xarray as xr
 from matplotlib.collections import LineCollection, PathCollection
 
 from jbw.errors import DataError
-from jbw.report.assembly import joint_loops, structure, view_of
-from jbw.report.mode_backbones import mode_backbones
+from jbw.report.assembly import joint_loops, mode_backbones, structure, view_of
 
 
 def tree_of(assembly):

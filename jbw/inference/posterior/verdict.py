@@ -109,8 +109,8 @@ def _convergence(draws: Draws, sampler: str = "") -> list[Finding]:
         one_chain = Finding("r_hat", "not assessed", {}, unknown, chains, entry="r_hat.one_chain")
         return [*findings, one_chain]
     # If R-hat cannot be computed, it counts as the worst.
-    name = max(rows, key=lambda name: np.nan_to_num(rows[name]["r_hat"], nan=np.inf))
-    r_hat = rows[name]["r_hat"]
+    r_hats = {name: row["r_hat"] for name, row in rows.items()}
+    name, r_hat = max(r_hats.items(), key=lambda pair: np.nan_to_num(pair[1], nan=np.inf))
     values = {"name": name, "r_hat": r_hat, "limit": R_HAT}
     remedy = _more(draws[name], min(row["ess_bulk"] for row in rows.values()), sampler)
     return [*findings, checked("r_hat", r_hat < R_HAT, values, r_hat, remedy)]
@@ -184,8 +184,9 @@ def _trajectories(stats: xr.Dataset, facts: DrawnPosterior) -> list[Finding]:
     findings = []
     finer = {"substeps": 2 * (facts.substeps or SUBSTEPS)}
     if "diverging" in stats:
-        count = int(stats["diverging"].sum())
-        values = {"count": count, "size": stats["diverging"].size}
+        diverging = stats["diverging"]
+        count = int(diverging.sum())
+        values = {"count": count, "size": diverging.size}
         findings.append(checked("divergences", count == 0, values, count, finer))
     if "failed" in stats:
         share = float(stats["failed"].mean())

@@ -1,16 +1,17 @@
-"""Checks whether a record of broad-band excitation can be what its campaign file states.
+"""Checks whether a driven record can be what its campaign file states.
 
 If input and response are exchanged, the input has the resonance.
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, lines_within
+from jbw.measurement.faults.clipping import offset
 from jbw.measurement.faults.fault import Fault, doubt
 from jbw.measurement.faults.hypothesis import Hypothesis
 from jbw.measurement.faults.suspect import Cause, Misfit, stiffness
@@ -19,6 +20,7 @@ from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
 from jbw.report.messages import gain_faults as gain_messages
 from jbw.report.messages import record_faults as messages
+from jbw.report.messages import response_faults
 
 # number of samples that are examined; the faults of a stationary record show in them
 LOOKED_AT = 2**21
@@ -31,6 +33,12 @@ SEGMENTS = 8  # number of segments: few, but enough for a resonance to stand out
 FLOOR = 1e-4  # Lines below this fraction of the largest density are outside the excitation.
 # An input whose spectrum is more peaked than the response's by this factor looks like a response.
 PEAKED = 10.0
+# A record that should start from rest moves if it begins above this fraction of its usual
+# amplitude.
+MOVING = 0.3
+# smallest fraction of the first period's power that a single tone must explain; wide-band noise
+# stays below this fraction
+COHERENT = 0.8
 
 
 def doubts(
@@ -78,6 +86,27 @@ def swapped(record: Record) -> Iterator[Fault]:
     except DataError:
         return
     yield from peaked_input(record.source, estimate)
+
+
+def already_moving(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
+    """Yield a warning if a record that should start from rest moves in its first period."""
+    x, fs = record.channels[record.response], record.fs
+    if constant := list(offset(record)):
+        yield from constant
+        return
+    # Pad with zeros, because the filter would otherwise mix the end with the start.
+    x = np.concatenate([x, np.zeros_like(x)])
+    freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
+    spectrum[~lines_within(freq, band or (0.0, fs)) | (freq == 0)] = 0
+    x = np.fft.irfft(spectrum, len(x))[: len(x) // 2]
+    phase = 2 * np.pi * freq[np.argmax(np.abs(spectrum))] / fs * np.arange(len(x))
+    first = max(int(np.searchsorted(phase, 2 * np.pi)), 8)
+    basis = np.stack([np.cos(phase[:first]), np.sin(phase[:first])], axis=-1)
+    tone = np.linalg.lstsq(basis, x[:first])[0]
+    size, usual = float(np.hypot(*tone)), float(np.sqrt(2.0) * np.std(x))
+    is_tone = np.sum((basis @ tone) ** 2) > COHERENT * np.sum(x[:first] ** 2)
+    if settle == 0.0 and is_tone and size > MOVING * usual:
+        yield doubt(record.response, *response_faults.already_moving(size / usual))
 
 
 def _frf(record: Record, segments: int, delay: float) -> FRF:

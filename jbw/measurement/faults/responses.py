@@ -10,7 +10,6 @@ from jbw.errors import DataError, JbwError
 from jbw.measurement.channels import Reals, lines_within
 from jbw.measurement.curves import ForcedLoop, MeasuredCurve, displacement_of
 from jbw.measurement.demodulation import band_filter
-from jbw.measurement.faults.clipping import offset
 from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
@@ -25,13 +24,7 @@ LISTED = 6  # tones named in a message
 ALONG = 0.3  # correlation of force and displacement below which the force may be friction alone
 DEGREES = 20.0  # [rad]; a phase beyond three full turns was probably written in degrees
 FEWEST_LINES = 4
-# A record that should start from rest moves if it begins above this fraction of its usual
-# amplitude.
-MOVING = 0.3
 LOCKED = 0.2  # largest variation of a phase that a controller holds [rad]
-# smallest fraction of the first period's power that a single tone must explain; wide-band noise
-# stays below this fraction
-COHERENT = 0.8
 LIKE = 2.0  # largest factor between a stated level and the peak or rms of its channel
 NO_LEVEL = ("frequency", "phase", "time")
 # Lines within this fraction of the strongest line's frequency, to either side, belong to it.
@@ -150,27 +143,6 @@ def undecaying(record: Record, settle: float) -> Iterator[Fault]:
     if last > DECAYED * first:
         times = last / first if first else np.inf
         yield doubt(record.response, *messages.undecaying(times))
-
-
-def already_moving(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
-    """Yield a warning if a record that should start from rest moves in its first period."""
-    x, fs = record.channels[record.response], record.fs
-    if constant := list(offset(record)):
-        yield from constant
-        return
-    # Pad with zeros, because the filter would otherwise mix the end with the start.
-    x = np.concatenate([x, np.zeros_like(x)])
-    freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
-    spectrum[~lines_within(freq, band or (0.0, fs)) | (freq == 0)] = 0
-    x = np.fft.irfft(spectrum, len(x))[: len(x) // 2]
-    phase = 2 * np.pi * freq[np.argmax(np.abs(spectrum))] / fs * np.arange(len(x))
-    first = max(int(np.searchsorted(phase, 2 * np.pi)), 8)
-    basis = np.stack([np.cos(phase[:first]), np.sin(phase[:first])], axis=-1)
-    tone = np.linalg.lstsq(basis, x[:first])[0]
-    size, usual = float(np.hypot(*tone)), float(np.sqrt(2.0) * np.std(x))
-    is_tone = np.sum((basis @ tone) ** 2) > COHERENT * np.sum(x[:first] ** 2)
-    if settle == 0.0 and is_tone and size > MOVING * usual:
-        yield doubt(record.response, *messages.already_moving(size / usual))
 
 
 def level_unlike(record: Record, level: float) -> Iterator[Fault]:

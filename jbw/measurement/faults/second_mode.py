@@ -1,16 +1,36 @@
-"""Modes besides the first one: a second mode within the band, and modes outside the band."""
+r"""Modes besides the first one: a second mode within the band, and modes outside the band.
+
+A second mode or a steady line near the resonance of a record of noise or a multisine is found by
+rational functions of one and of two modes, fitted to the lines about the resonance,
+
+$$Y = \frac{\sum_{k=0}^{2m-2} b_k s^k\,U + \sum_{k=-1}^{2m-1} c_k s^k}
+           {s^{2m} + \sum_{k=0}^{2m-1} a_k s^k}, \quad s = j\omega, \quad m = 1, 2,$$
+
+where the constants c represent the states in which the record begins and ends. Each is a linear
+least-squares fit that is repeated with weights $1/|D|$ of the last denominator D. A joint leaves a
+residual that varies from line to line. Of 85 sound records with strong laws (`benchmarks/outside`)
+two modes leave at least 48 % of its sum of squares, of three records with two modes at most 0.04 %.
+
+Reference:
+    C. K. Sanathanan, J. Koerner, IEEE Trans. Autom. Control 8 (1963) 56-58.
+"""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals
-from jbw.measurement.faults.hypothesis import Facts, Fits, Hypothesis
+from jbw.measurement.faults.fault import Fault, doubt
+from jbw.measurement.faults.hypothesis import ODDS, Facts, Fits, Hypothesis
+from jbw.measurement.faults.plausibility import LOOKED_AT
 from jbw.measurement.faults.suspect import (
     Misfit,
     Suspect,
     as_columns,
-    driven_lines,
+    is_driven,
     stiffness,
 )
 from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
@@ -22,6 +42,15 @@ from jbw.measurement.readings.sweep import (
     SweepSignal,
     mirror_of,
     sweep_columns,
+)
+from jbw.measurement.records import Record
+from jbw.measurement.resonances import (
+    HALF_WIDTHS,
+    WIDE,
+    driven_band,
+    driven_lines,
+    read_lines,
+    real_coefficients,
 )
 from jbw.report.messages import causes
 from jbw.report.messages import decay_faults as messages
@@ -39,6 +68,13 @@ MOVED = 0.1
 NUM_PLACES, TRIED_DAMPINGS = 96, (0.003, 0.01, 0.03)
 # smallest relative distance in frequency of an additional mode from the joint's own mode
 APART = 0.05
+ROUNDS = 6  # number of weighted fits
+PER_MODE = 6  # number of parameters of a rational function for each mode
+FEWEST = 6 * PER_MODE  # number of lines, three times that of the parameters of two modes
+EXPLAINS = 0.25  # largest fraction of the residual sum of squares that remains with two modes
+EXPLAINED = 0.02  # smallest residual that a second mode explains, relative to the response
+# A mode whose decay would last this many times the record is a steady line.
+STEADY = 3.0
 
 
 class SecondMode(Hypothesis):
@@ -105,7 +141,7 @@ def modes_at(misfit: Misfit, places: Iterable[float]) -> Iterator[Suspect]:
 
 def _driven(misfit: Misfit) -> Reals:
     """Return the driven frequencies [rad/s] of all data groups."""
-    lines = [s.omega[driven_lines(s)] for s in misfit.spectra.values()]
+    lines = [s.omega[is_driven(s)] for s in misfit.spectra.values()]
     return np.concatenate([line[line > 0] for line in lines])
 
 
@@ -172,7 +208,7 @@ def _in_sweep(fits: SweepFits, away: float) -> SweepCause:
     def with_mode(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
         pole = -(abs(values[0]) + 1e-6) * rate + 1j * (first + values[1] * rate)
         pole = np.full(len(signal.time), pole)
-        second = sweep_columns(signal, pole, mirror_of(signal, pole)).columns
+        second, _, _ = sweep_columns(signal, pole, mirror_of(signal, pole))
         return np.column_stack([columns, second[:, 0]])
 
     return SweepCause(np.array([1.0, away]), with_mode)
@@ -191,3 +227,73 @@ class OutsideModes(Hypothesis):
             mass = np.divide(-stiff, squares, out=np.zeros_like(stiff), where=squares > 0)
             columns[label] = as_columns(spectrum.row(stiff), spectrum.row(mass))
         yield Suspect(columns, lambda terms: causes.residual_term(terms[0]))
+
+
+def second_resonance(
+    record: Record, band_hz: tuple[float, float] | None, delay_s: float
+) -> Iterator[Fault]:
+    """Yield a warning if two modes, or a mode and a steady line, explain a resonance better."""
+    channels = {role: x[:LOOKED_AT] for role, x in record.channels.items()}
+    record = replace(record, channels=channels)
+    try:
+        lines = driven_lines(record, band_hz)
+        if not np.all(np.isfinite(lines.y)) or not np.any(lines.y):
+            return
+        first = read_lines(lines)
+    except DataError:  # The record has no resonance that could be read.
+        return
+    centre = 2 * np.pi * first.frequency_hz
+    half = max(WIDE, 2 * HALF_WIDTHS * abs(first.damping)) * centre
+    near = np.abs(lines.omega - centre) < half
+    if np.count_nonzero(near) < FEWEST:
+        return
+    omega, source = lines.omega[near], lines.source[near]
+    y = lines.y[near] * np.exp(1j * omega * delay_s)
+    (left_by_one, _), (left_by_two, poles) = (_fitted(omega, source, y, modes) for modes in (1, 2))
+    num = 2 * len(omega)
+    odds = num * np.log(left_by_one / left_by_two) - np.log(num) * PER_MODE
+    explained = left_by_one - left_by_two
+    if left_by_two > EXPLAINS * left_by_one or odds < ODDS or explained < EXPLAINED**2:
+        return
+    poles = poles[(omega[0] < poles.imag) & (poles.imag < omega[-1])]
+    if len(poles) < 2:
+        return
+    mode, other = sorted(poles, key=lambda pole: abs(pole - 1j * centre))
+    length = record.num_samples / record.fs
+    if abs(other.real) * length < 1 / STEADY:
+        yield doubt(record.response, *messages.line_beside_drive(f"{_hz(other):.5g}"))
+    elif max(mode.real, other.real) < 0:
+        band = beside(_hz(mode), _hz(other), band_hz or driven_band(record))
+        text = messages.second_mode(_hz(mode), _hz(other), band, driven=True)
+        yield doubt(record.response, *text)
+
+
+def _hz(pole: complex) -> float:
+    return abs(pole) / (2 * np.pi)
+
+
+def _fitted(omega: Reals, source: Complexes, y: Complexes, modes: int) -> tuple[float, Complexes]:
+    """Fit a rational function of a number of modes; choose the best of the weighted fits.
+
+    Returns:
+        The residual's sum of squares over that of the response, and the poles of positive
+        frequency [rad/s].
+    """
+    centre, order = float(np.mean(omega)), 2 * modes
+    s = 1j * omega / centre
+    powers = s[:, None] ** np.arange(-1, order)
+    own, driven = (x / np.sqrt(np.mean(np.abs(x) ** 2)) for x in (y, source))
+    columns = np.concatenate(
+        [own[:, None] * powers[:, 1:], -driven[:, None] * powers[:, 1:-1], -powers], axis=1
+    )
+    weight, fits = np.ones(len(omega)), []
+    for _ in range(ROUNDS):
+        coefficients = real_coefficients(weight[:, None] * columns, -weight * own * s**order)
+        below = s**order + powers[:, 1:] @ coefficients[:order]
+        model = -(columns[:, order:] @ coefficients[order:]) / below
+        square = float(np.mean(np.abs(own - model) ** 2))
+        roots: Any = np.roots([1.0, *coefficients[:order][::-1]])
+        poles = centre * roots[roots.imag > 0]
+        fits.append((square, poles))
+        weight = 1 / np.abs(below)
+    return min(fits, key=lambda fit: fit[0])

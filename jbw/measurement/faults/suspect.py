@@ -86,7 +86,7 @@ def in_time(spectra: Mapping[str, Spectrum]) -> dict[str, Spectrum]:
     return {label: s for label, s in spectra.items() if not np.iscomplexobj(s.values)}
 
 
-def driven_lines(spectrum: Spectrum) -> np.ndarray:
+def is_driven(spectrum: Spectrum) -> np.ndarray:
     """Return a mask of the lines that the input drives."""
     return np.abs(spectrum.source) > DRIVEN * np.abs(spectrum.source).max()
 

@@ -15,7 +15,7 @@ from jbw.measurement.faults.suspect import (
     Misfit,
     Suspect,
     as_columns,
-    driven_lines,
+    is_driven,
     stiffness,
 )
 from jbw.measurement.residual_spectra import Spectrum
@@ -96,7 +96,7 @@ def _alone(spectrum: Spectrum) -> tuple[float, float] | None:
     """Fit a linear oscillator to one data group; return its gain and the relative residual."""
     factor, measured = spectrum.factor, spectrum.measured
     x = np.divide(measured, factor, out=np.zeros_like(factor), where=factor != 0)
-    driven = driven_lines(spectrum)
+    driven = is_driven(spectrum)
     near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max(initial=0.0))
     if near.sum() < LEAST_LINES:
         return None

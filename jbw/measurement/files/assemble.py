@@ -64,22 +64,18 @@ class _Channels(NamedTuple):
         )
 
 
-class _Clock(NamedTuple):
-    """The sampling rate of a file [Hz], the samples to read, and whether to resample."""
-
-    fs: float
-    part: slice
-    first: int  # index in the file of the first sample of the span
-    is_resampled: bool
-
-
 def records_of(
     contents: Contents, path: Path, request: Wanted, digest: str, admit: Admit = admit_all
 ) -> tuple[Record, ...]:
     """Return an open file's records in SI, one per repeat; the provenance lists all changes."""
     sources = _sources(contents, request)
-    clock, rate_source = _clock(contents, sources, request)
-    samples, channels = _size(contents, sources, request, clock)
+    is_resampled = _is_resampled(sources, request)
+    fs, rate_source, part = (
+        (request.resample, messages.resampled_to(request.resample), WHOLE)
+        if request.resample and is_resampled
+        else sampling_of(contents, sources, request)
+    )
+    samples, channels = _size(contents, sources, request, fs, part)
     if samples * VALUE <= MAX_BYTES:  # longer channels are rejected by name when they are read
         admit(samples, channels, path.name)
     whole = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
@@ -87,7 +83,7 @@ def records_of(
     for role in sources:
         if role == "time":
             continue
-        channel, source = _channel(role, contents, sources, request, clock)
+        channel, source = _channel(role, contents, sources, request, fs, part)
         read = read.beside(channel)
         _require_one_motion(read.units)
         if source and _is_curve(role, sources):
@@ -100,30 +96,24 @@ def records_of(
         read = read.beside(_Channels({"phase": turned}, {}, done))
     if request.span:
         read = read.beside(_Channels({}, {}, {SPAN: span_words(request.span)}))
-    rows = _of_one_length(read.rows) if clock.is_resampled else read.rows
+    rows = _of_one_length(read.rows) if is_resampled else read.rows
     if "frequency" in rows and all(row[0] == 0 for row in rows["frequency"]):
         # Analysers export the mean as a line at 0 Hz, at which no response is measured.
         rows = {role: [row[1:] for row in each] for role, each in rows.items()}
         read = read.beside(_Channels({}, {}, {"line at 0 Hz": "left out"}))
-    return _repeats(rows, Record(clock.fs, {}, dict(read.units), path.name, dict(read.done)))
+    return _repeats(rows, Record(fs, {}, dict(read.units), path.name, dict(read.done)))
 
 
-def _clock(
-    contents: Contents, sources: Mapping[str, list[Leaf]], request: Wanted
-) -> tuple[_Clock, str]:
-    """Return the rate and samples to read, and a description of the rate's origin."""
-    is_resampled = bool(request.resample) and "frequency" not in sources
-    fs, rate_source, part = (
-        (request.resample, messages.resampled_to(request.resample), WHOLE)
-        if request.resample and is_resampled
-        else sampling_of(contents, sources, request)
-    )
-    first = round(request.span[0] * fs) if request.span and np.isfinite(fs) else 0
-    return _Clock(fs, part, first, is_resampled), rate_source
+def _is_resampled(sources: Mapping[str, list[Leaf]], request: Wanted) -> bool:
+    return bool(request.resample) and "frequency" not in sources
 
 
 def _size(
-    contents: Contents, sources: Mapping[str, list[Leaf]], request: Wanted, clock: _Clock
+    contents: Contents,
+    sources: Mapping[str, list[Leaf]],
+    request: Wanted,
+    fs: float,
+    part: slice,
 ) -> tuple[int, int]:
     """Return the number of samples per record and of channels, from the shapes in the file.
 
@@ -132,12 +122,12 @@ def _size(
     samples, channels = 0, 0
     for item in (item for role, items in sources.items() if role != "time" for item in items):
         length = (item.shape or (1,))[-1] if request.repeats == "rows" else max(item.shape or (1,))
-        kept = len(range(*clock.part.indices(length)))
-        if clock.is_resampled:
+        kept = len(range(*part.indices(length)))
+        if _is_resampled(sources, request):
             rate = item.fs or contents.fs or request.fs
-            kept = int(kept * clock.fs / rate) if rate and not isinstance(rate, str) else 0
+            kept = int(kept * fs / rate) if rate and not isinstance(rate, str) else 0
             if request.span:
-                kept = min(kept, int(np.diff(request.span)[0] * clock.fs))
+                kept = min(kept, int(np.diff(request.span)[0] * fs))
         samples, channels = max(samples, kept), channels + prod(item.shape) // max(length, 1)
     return samples, channels
 
@@ -151,7 +141,8 @@ def _channel(
     contents: Contents,
     sources: Mapping[str, list[Leaf]],
     request: Wanted,
-    clock: _Clock,
+    fs: float,
+    part: slice,
 ) -> tuple[_Channels, str]:
     """Return a role's repeats in SI, and the source by which a response is divided, if any."""
     items, is_curve, done = sources[role], _is_curve(role, sources), {}
@@ -167,9 +158,9 @@ def _channel(
     factor *= _calibration(role, contents.reader, request) / _volts_per_unit(
         role, items[0], request
     )
-    part = WHOLE if request.resample else clock.part
+    part = WHOLE if request.resample else part
     rows = [row for item in items for row in rows_of(item, role, request, part, curve=is_curve)]
-    if clock.is_resampled:
+    if _is_resampled(sources, request):
         rows, done[f"resampled {role}"] = on_even_grid(rows, items[0], contents, sources, request)
     if reference:
         rows = [reference * 10 ** (_of_amplitudes(row, role, is_curve) / 20) for row in rows]
@@ -183,7 +174,7 @@ def _channel(
     if role in request.sensitivity:
         done[f"sensitivity of {role}"] = request.sensitivity[role]
     done[f"unit of {role}"] = messages.against_file(unit_words, against) if against else unit_words
-    rows, removed = _cleared(rows, role, clock.fs, clock.first, request)
+    rows, removed = _cleared(rows, role, fs, request)
     return _Channels({role: rows}, {role: si}, done | removed), source
 
 
@@ -211,18 +202,16 @@ def _parted(role: str, sources: Mapping[str, list[Leaf]], rows: Repeats) -> _Cha
 
 
 def _cleared(
-    rows: Repeats, role: str, fs: float, first: int, request: Wanted
+    rows: Repeats, role: str, fs: float, request: Wanted
 ) -> tuple[Repeats, dict[str, str]]:
-    """Remove mean, window and steady lines as requested; return the rows and a description.
-
-    The rows begin with sample `first` of their record.
-    """
+    """Remove mean, window and steady lines as requested; return the rows and a description."""
     removed = {}
     if request.remove_mean and role in CENTRED:
         means = [float(row.mean()) for row in rows]
         rows = [row - mean for row, mean in zip(rows, means, strict=True)]
         removed[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
     if request.window_s and role in RESPONSES:
+        first = round(request.span[0] * fs) if request.span and np.isfinite(fs) else 0
         rows = [unwindowed(row, request.window_s * fs, first) for row in rows]
         removed[f"window of {role} removed"] = f"exp(-t / {request.window_s:g} s)"
     if request.lines_hz and role in RESPONSES:

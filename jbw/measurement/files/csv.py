@@ -17,7 +17,7 @@ from jbw.measurement.files.cells import is_lost, since_first, stamp, ungrouped
 from jbw.measurement.files.clocks import on_clock
 from jbw.measurement.files.tree import Contents, Leaf, Node, Opaque, leaf
 from jbw.measurement.recorders import of_lines
-from jbw.measurement.recorders.facts import axis_in, is_time, rate_in, stated
+from jbw.measurement.recorders.recorder import axis_in, is_time, rate_in, stated
 from jbw.report.messages import reading as messages
 from jbw.units import is_unit, titled
 

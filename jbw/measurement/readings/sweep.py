@@ -182,24 +182,9 @@ def sweep_signal(
     )  # fmt: skip
 
 
-class SweepColumns(NamedTuple):
-    """The response of a mode to the drive of a sweep, as columns with unknown gains.
-
-    Attributes:
-        columns: Response of the mode to the drive, of modes outside the band (two columns), and
-            to an initial state.
-        slopes: Derivatives of the first and last column, in pairs for each parameter.
-        motion: Amplitude of the motion, divided by that of the response, from the model.
-    """
-
-    columns: Columns
-    slopes: Slopes
-    motion: Reals
-
-
 def sweep_columns(
     signal: SweepSignal, pole: Complexes, mirror: Complexes, slopes: Slopes | None = None
-) -> SweepColumns:
+) -> tuple[Columns, Complex[np.ndarray, "value pair"], Reals]:
     r"""Return the columns of a sweep whose mode has the pole $p = -\sigma + i\omega$.
 
     $$\dot s = (p - i\dot\phi)\,s + u, \qquad
@@ -214,6 +199,11 @@ def sweep_columns(
         pole: Pole of the mode at every time [1/s].
         mirror: Part of the conjugate pole, from `mirror_of`.
         slopes: Derivatives of the pole, one column per parameter; None without parameters.
+
+    Returns:
+        Columns with unknown gains: the response of the mode to the drive, of modes outside the band
+        (two columns), and to an initial state; the derivatives of the first and last column, in
+        pairs for each parameter; and the amplitude of the motion, divided by that of the response.
     """
     if slopes is None:
         slopes = np.zeros((len(pole), 0), complex)
@@ -244,7 +234,7 @@ def sweep_columns(
     both = np.stack([of_main, free[:, None] * grown], axis=2).reshape(len(pole), -1)
     if signal.lag_s:
         columns, both = (late(x, signal.rate, signal.lag_s) for x in (columns, both))
-    return SweepColumns(columns, both, np.nan_to_num(motion, nan=0.0, posinf=0.0))
+    return columns, both, np.nan_to_num(motion, nan=0.0, posinf=0.0)
 
 
 def mirror_of(signal: SweepSignal, pole: Complexes) -> Complexes:
@@ -319,7 +309,7 @@ def fit_sweep(
     mirror = mirror_of(signal, pole_of(signal, np.asarray(start, float), name, scale)[0])
     kept: Any = []  # the last evaluation, from which its derivative continues
 
-    def projected(theta: Reals) -> _Projected:
+    def projected(theta: Reals) -> Projected:
         if not kept or not np.array_equal(kept[0], theta):
             pole, slopes = pole_of(signal, theta[:count], name, scale)
             columns, slopes, _ = sweep_columns(signal, pole, mirror, slopes)
@@ -327,11 +317,12 @@ def fit_sweep(
         return kept[1]
 
     def residual(theta: Reals) -> Reals:
-        left = projected(theta).left
+        left, _, _ = projected(theta)
         return np.concatenate([left.real, left.imag])
 
     def slopes_at(theta: Reals) -> Any:
-        slopes = projected(theta).slopes()
+        _, _, slopes_of = projected(theta)
+        slopes = slopes_of()
         return np.concatenate([np.real(slopes), np.imag(slopes)])
 
     begin = np.concatenate([start, cause.start]) if cause is not None else np.array(start, float)
@@ -346,19 +337,15 @@ def fit_sweep(
         residual, begin, jac, bounds=(lower, upper), x_scale="jac", max_nfev=30,
         ftol=near, xtol=near,
     )  # fmt: skip
-    ended = projected(found.x)
+    left, gains, slopes_of = projected(found.x)
     return ModeFit(
-        found.x, ended.left / weight, -ended.slopes() / weight[:, None],
-        float(np.sum(np.abs(ended.left) ** 2)), ended.gains,
+        found.x, left / weight, -slopes_of() / weight[:, None],
+        float(np.sum(np.abs(left) ** 2)), gains,
     )  # fmt: skip
 
 
-class _Projected(NamedTuple):
-    """A model whose gains are eliminated: residual, gains, and derivatives of the residual."""
-
-    left: Complexes
-    gains: Complexes
-    slopes: Callable[[], Slopes]
+# a model whose gains are eliminated: residual, gains, and a function of the residual's derivatives
+Projected = tuple[Complexes, Complexes, Callable[[], Slopes]]
 
 
 def _project(
@@ -368,7 +355,7 @@ def _project(
     values: Reals,
     weight: Reals,
     cause: SweepCause | None,
-) -> _Projected:
+) -> Projected:
     r"""Solve for the gains c of the columns, some of which are real; return the residual with them.
 
     $$r = y - \Phi c, \quad \Phi^T r = 0, \qquad
@@ -427,7 +414,7 @@ def _project(
             found += [moved(by * weight[:, None] / size) for by in there]
         return np.stack(found, axis=1)
 
-    return _Projected(left, gains / size, slopes_of)
+    return left, gains / size, slopes_of
 
 
 def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple[Complexes, Slopes]:
@@ -499,7 +486,7 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
         # A ringing response has another frequency than the drive.
         if best is not None and order:
             pole, _ = pole_of(signal, fits[best].theta, best, scale)
-            own = sweep_columns(signal, pole, mirror_of(signal, pole)).motion
+            _, _, own = sweep_columns(signal, pole, mirror_of(signal, pole))
             own = own * signal.rate[top] ** order
             motion = np.clip(own, MODES_OWN[0] * motion, MODES_OWN[1] * motion)
             amplitude = size * motion

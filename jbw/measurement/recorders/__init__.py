@@ -25,7 +25,7 @@ def modules() -> tuple[str, ...]:
     return tuple(
         f"{__name__}.{module.name}"
         for module in sorted(pkgutil.iter_modules(__path__), key=lambda module: module.name)
-        if module.name not in ("recorder", "facts")
+        if module.name != "recorder"
     )
 
 

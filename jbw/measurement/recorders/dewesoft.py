@@ -21,8 +21,14 @@ import numpy as np
 
 from jbw.measurement.files.clocks import on_clock
 from jbw.measurement.files.tree import Contents, Leaf, load
-from jbw.measurement.recorders.facts import number_at, rate_of, stated, titled_leaf, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import (
+    Recorder,
+    number_at,
+    rate_of,
+    stated,
+    titled_leaf,
+    top,
+)
 
 TIME = re.compile(r"(Data\d+)_time_?(.*)")
 

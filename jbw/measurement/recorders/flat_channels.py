@@ -15,8 +15,7 @@ import re
 from dataclasses import replace
 
 from jbw.measurement.files.tree import Contents, Leaf
-from jbw.measurement.recorders.facts import named, number_at, positive, text_at, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import Recorder, named, number_at, positive, text_at, top
 
 DATA = re.compile(r"(Channel_\d+)_Data")
 

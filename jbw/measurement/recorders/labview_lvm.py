@@ -25,8 +25,7 @@ import numpy as np
 from jbw.errors import DataError
 from jbw.measurement.files.csv import Dialect, table
 from jbw.measurement.files.tree import Contents
-from jbw.measurement.recorders.facts import number_in, rate_of, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import Recorder, number_in, rate_of, top
 from jbw.report.messages import reading as messages
 
 END = "***End_of_Header***"

@@ -19,8 +19,15 @@ from typing import Any
 import numpy as np
 
 from jbw.measurement.files.tree import RATE, Contents, Leaf, Opaque
-from jbw.measurement.recorders.facts import node_at, number_at, number_in, positive, rate_of, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import (
+    Recorder,
+    node_at,
+    number_at,
+    number_in,
+    positive,
+    rate_of,
+    top,
+)
 
 INTERVALS = ("dt", "Dt", "DT", "Tsample", "sampling_interval", "sample_interval")
 UNITS = ("units", "Units", "unit", "VariableUnits")

@@ -15,8 +15,7 @@ from dataclasses import replace
 from typing import Any
 
 from jbw.measurement.files.tree import Contents, Leaf
-from jbw.measurement.recorders.facts import is_time, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import Recorder, is_time, top
 
 
 def _channels(root: Any) -> Iterator[tuple[str, Leaf]]:

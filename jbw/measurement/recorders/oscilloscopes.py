@@ -23,8 +23,7 @@ from pathlib import Path
 
 from jbw.measurement.files.csv import table
 from jbw.measurement.files.tree import Contents
-from jbw.measurement.recorders.facts import number_in, rate_of, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import Recorder, number_in, rate_of, top
 
 
 def is_tektronix(lines: Sequence[str]) -> bool:

@@ -21,8 +21,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from jbw.measurement.files.tree import Contents, Leaf
-from jbw.measurement.recorders.facts import number_at, rate_of, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import Recorder, number_at, rate_of, top
 
 
 def is_of(contents: Contents) -> bool:

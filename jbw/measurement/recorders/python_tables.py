@@ -23,8 +23,7 @@ import numpy as np
 
 from jbw.measurement.files.clocks import on_clock
 from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
-from jbw.measurement.recorders.facts import number_in, positive, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import Recorder, number_in, positive, top
 
 NAMES = ("channel_names", "channels", "names", "columns", "labels", "channel")
 UNITS = ("units", "unit", "unit_str", "channel_units")

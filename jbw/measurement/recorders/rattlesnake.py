@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
-from jbw.measurement.recorders.facts import node_at, positive, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import Recorder, node_at, positive, top
 from jbw.units import plain
 
 

@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from jbw.measurement.files.tree import Contents, Leaf, leaf
-from jbw.measurement.recorders.facts import node_at, number_at, rate_of, text_at, top
-from jbw.measurement.recorders.recorder import Recorder
+from jbw.measurement.recorders.recorder import Recorder, node_at, number_at, rate_of, text_at, top
 from jbw.units import plain
 
 

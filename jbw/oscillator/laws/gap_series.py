@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Complex
 
 from jbw.oscillator import generic
 from jbw.oscillator.kinks import Ends, StepPath, barrier, kink_impulse, signed, slope_jump_impulse
@@ -25,8 +25,8 @@ from jbw.oscillator.parameters import SLOW, Scalar, beyond_all_motion
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
-    exponentials,
     gauss_legendre,
+    over_half_period,
     synthesis,
 )
 from jbw.quantities import Quantity
@@ -273,7 +273,8 @@ class GapSeries(Law):
         displacements = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
         breaks = (angle_of(fixed, start, displacement) for displacement in displacements)
         num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
-        theta, weights = gauss_legendre(num_nodes, start, *breaks, start + jnp.pi)
-        y: Float[Array, " node"] = jnp.sum(exponentials(theta, q.shape[0]) * q, -1).real
-        force = moved(self, tip, jnp.minimum(y - peak, 0.0)).memory[0]
-        return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())
+
+        def falling(y: Array) -> Scalar:
+            return moved(self, tip, jnp.minimum(y - peak, 0.0)).memory[0]
+
+        return over_half_period(falling, q, num_nodes, start, *breaks, start + jnp.pi)

@@ -5,12 +5,12 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Complex
 
 from jbw.oscillator import generic
 from jbw.oscillator.kinks import Corner, Ends, StepPath, barrier, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Loop, Scales, Threshold
-from jbw.oscillator.laws.springs import MOST_SHARE, Spring
+from jbw.oscillator.laws.springs import Spring, bounds_of_power
 from jbw.oscillator.parameters import (
     SLOW,
     Conversion,
@@ -22,8 +22,7 @@ from jbw.oscillator.parameters import (
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
-    exponentials,
-    gauss_legendre,
+    over_half_period,
 )
 from jbw.quantities import Quantity
 
@@ -101,10 +100,7 @@ class KinkedSpring(Spring):
         displacements = (stop_gradient(jnp.asarray(corner.y, float)) for corner in self.corners())
         breaks = (angle_of(fixed, start, displacement) for displacement in displacements)
         num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
-        theta, weights = gauss_legendre(num_nodes, start, *breaks, start + jnp.pi)
-        basis = exponentials(theta, q.shape[0])
-        y: Float[Array, " node"] = jnp.sum(basis * q, -1).real
-        return 2.0 / jnp.pi * ((weights * self(y)) @ basis.conj())
+        return over_half_period(self, q, num_nodes, start, *breaks, start + jnp.pi)
 
 
 class Quadratic(KinkedSpring):
@@ -129,12 +125,8 @@ class Quadratic(KinkedSpring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds of c: the force, of either sign, is up to 0.3 of the linear one.
-
-        The forces are compared at the largest motion.
-        """
-        most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
-        return {"quadratic": (-most, most)}
+        """Return prior bounds of c, from the linear force."""
+        return bounds_of_power("quadratic", 2, scales)
 
     def __call__(self, y: Scalar) -> Scalar:
         """Return the force at the displacement y [m]."""

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 from jbw.oscillator.kinks import (
     Ends,
     KinkImpulse,
-    PathSlopes,
     StepPath,
     barrier,
     hermite_basis,
@@ -85,9 +84,7 @@ def _kinked(
     return (ended[0], at_turn.v + at_zero.v, at_turn.y + at_zero.y), (end_slopes, *impulses)
 
 
-def _turn_slopes(
-    path: StepPath, start: Scalar
-) -> tuple[PathSlopes, PathSlopes, PathSlopes, Scalar]:
+def _turn_slopes(path: StepPath, start: Scalar) -> tuple[Ends, Ends, Ends, Scalar]:
     """Return derivatives of turning point, curvature and first move with respect to the path.
 
     Because the cubic is flat there, its move depends only on the path and not on where it turns.
@@ -95,19 +92,14 @@ def _turn_slopes(
     s = path.fraction
     move, slope, bend = hermite_basis(s)
     per_bend = barrier(jnp.where(path.turns, signed(1.0 / path.sharpness, start), 0.0))
-    fraction = PathSlopes(*barrier(tuple(per_bend * x for x in slope)))
+    fraction = barrier(tuple(per_bend * x for x in slope))
     sign = -signed(1.0, start)
     twist = 6.0 * path.cubic.c_3
     sharpness = (sign * (b + twist * f) for b, f in zip(bend, fraction, strict=True))
     weight = s * (1.0 - s)
     shift = 2.0 * path.quartic * weight * (1.0 - 2.0 * s)
     move = (m + shift * f for m, f in zip(move, fraction, strict=True))
-    return (
-        fraction,
-        PathSlopes(*barrier(tuple(sharpness))),
-        PathSlopes(*barrier(tuple(move))),
-        barrier(weight**2),
-    )
+    return fraction, barrier(tuple(sharpness)), barrier(tuple(move)), barrier(weight**2)
 
 
 def _turn_impulse(
@@ -115,8 +107,8 @@ def _turn_impulse(
     end: Scalar,
     path: StepPath,
     force: tuple[Scalar, Slopes],
-    sharpness_slopes: PathSlopes,
-    fraction_slopes: PathSlopes,
+    sharpness_slopes: Ends,
+    fraction_slopes: Ends,
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
     """Return how a reversal corrects velocity v and displacement y of a step, with derivatives.
 
@@ -129,7 +121,7 @@ def _turn_impulse(
         1.0 - path.fraction, twice * gamma * sharpness * z, twice * gamma * twist * z
     )
     six = signed(6.0, end)
-    twist_slopes = PathSlopes(six, six, -2.0 * six)
+    twist_slopes = six, six, -2.0 * six
 
     def by_path(weights):
         by_fraction, by_2, by_3 = weights
@@ -179,7 +171,7 @@ def _zero_impulse(
 
     # Where the path does not turn, the exact map gives the zero of z; elsewhere linear
     # interpolation gives it.
-    move_basis, slope_basis, bend_basis = (barrier(tuple(b)) for b in hermite_basis(s))
+    move_basis, slope_basis, bend_basis = map(barrier, hermite_basis(s))
     per_speed = barrier(jnp.where(steady, 1.0 / jnp.where(steady, speed, 1.0), 0.0))
     chord = jnp.where(steady, 0.0, share**2)
     targets = (zero_delta, zero_gamma, zero_z, *(-x for x in move_basis), 0.0)

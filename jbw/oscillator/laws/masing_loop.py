@@ -6,6 +6,7 @@ $$F_\downarrow(y) = F_b(Y) - 2 F_b\!\left(\tfrac{Y - y}{2}\right), \qquad
 Written in lags $\ell(x) = K x - F_b(x)$, the elastic force is a separate term and cancels nowhere.
 """
 
+from functools import partial
 from typing import Any
 
 import jax.numpy as jnp
@@ -16,8 +17,8 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
-    exponentials,
     gauss_legendre,
+    over_half_period,
     synthesis,
 )
 
@@ -51,10 +52,8 @@ def steady_harmonics(law: Masing, q: Complex[Array, " harmonic"]) -> Complex[Arr
     place = peak if kink is None else peak - 2.0 * kink.y
     begin, inner = stop_gradient((start, angle_of(q, start, place)))
     num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
-    theta, weights = gauss_legendre(num_nodes, begin, inner, begin + jnp.pi)
-    basis = exponentials(theta, q.shape[0])
-    y = jnp.sum(basis * q, -1).real
-    return 2.0 / jnp.pi * ((weights * _unloading(law, peak, y)) @ basis.conj())
+    unloading = partial(_unloading, law, peak)
+    return over_half_period(unloading, q, num_nodes, begin, inner, begin + jnp.pi)
 
 
 def steady_force(

@@ -25,6 +25,7 @@ from jbw.oscillator.steady.waveform import (
     exponentials,
     flatter,
     gauss_legendre,
+    over_half_period,
     synthesis,
 )
 
@@ -59,18 +60,17 @@ def relaxed_force(
     """
     if max_turns > 2:
         return _folded_relaxed_force(q, delta, gamma, max_turns)
-    num_harmonics = q.shape[0]
     delta, gamma = jnp.asarray(delta), jnp.asarray(gamma)
     start = crest(q)
     y_open = opening(synthesis(q, start), delta, gamma)
     start_fixed = stop_gradient(start)
     zero = angle_of(*stop_gradient((q, start, y_open)))
-    num_nodes = _NODES + _NODES_PER_HARMONIC * num_harmonics
-    theta, weights = gauss_legendre(num_nodes, start_fixed, zero, start_fixed + jnp.pi)
-    basis = exponentials(theta, num_harmonics)
-    y = jnp.sum(basis * q, -1).real
-    r = -(y_open + unloading_lag(y, y_open, delta, gamma))
-    return 2.0 / jnp.pi * ((weights * r) @ basis.conj())
+    num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
+
+    def lost(y: Array) -> Array:
+        return -(y_open + unloading_lag(y, y_open, delta, gamma))
+
+    return over_half_period(lost, q, num_nodes, start_fixed, zero, start_fixed + jnp.pi)
 
 
 def force_over_period(

@@ -25,6 +25,15 @@ _PROBES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
 MOST_SHARE = 0.3
 
 
+def bounds_of_power(name: str, power: int, scales: Scales) -> Bounds:
+    """Return prior bounds of c in c y^power: the force is up to 0.3 of the linear force.
+
+    The force may have either sign; the forces are compared at the largest motion.
+    """
+    most = MOST_SHARE * scales.omega_n**2 / scales.y_peak ** (power - 1)
+    return {name: (-most, most)}
+
+
 class Spring(Law):
     """The base class of springs, laws without an internal state and with a smooth force f(y)."""
 
@@ -125,12 +134,8 @@ class Cubic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: the force, of either sign, is up to 0.3 of the linear force.
-
-        The forces are compared at the largest motion.
-        """
-        most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**2
-        return {"cubic": (-most, most)}
+        """Return prior bounds of the coefficient, from the linear force."""
+        return bounds_of_power("cubic", 3, scales)
 
     def __call__(self, y: Scalar) -> Scalar:
         """Return the force at the displacement y [m]."""
@@ -157,12 +162,8 @@ class Quintic(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: the force, of either sign, is up to 0.3 of the linear force.
-
-        The forces are compared at the largest motion.
-        """
-        most = MOST_SHARE * scales.omega_n**2 / scales.y_peak**4
-        return {"quintic": (-most, most)}
+        """Return prior bounds of the coefficient, from the linear force."""
+        return bounds_of_power("quintic", 5, scales)
 
     def __call__(self, y: Scalar) -> Scalar:
         """Return the force at the displacement y [m]."""
@@ -194,12 +195,8 @@ class Square(Spring):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: the force, of either sign, is up to 0.3 of the linear force.
-
-        The forces are compared at the largest motion.
-        """
-        most = MOST_SHARE * scales.omega_n**2 / scales.y_peak
-        return {"square": (-most, most)}
+        """Return prior bounds of the coefficient, from the linear force."""
+        return bounds_of_power("square", 2, scales)
 
     def __call__(self, y: Scalar) -> Scalar:
         """Return the force at the displacement y [m]."""

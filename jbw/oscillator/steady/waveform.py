@@ -1,7 +1,9 @@
 r"""Periodic motions of odd harmonics, y = Re sum q_n exp(j n theta)."""
 
+from collections.abc import Callable
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -111,6 +113,24 @@ def angle_of(
         return jnp.clip(angle - step, start, start + jnp.pi)
 
     return jax.lax.fori_loop(0, 5, newton, angle)
+
+
+def over_half_period(
+    force_at: Callable[[Array], Any],
+    q: Complex[Array, " harmonic"],
+    num_nodes: int,
+    *breaks: Real[ArrayLike, "..."],
+) -> Complex[Array, " harmonic"]:
+    r"""Return the odd harmonics of a force that is smooth in y between rising break points.
+
+    $$F_n = \frac{2}{\pi}\int F(y(\theta))\, e^{-jn\theta}\,d\theta$$
+
+    over the half period from the first to the last break point.
+    """
+    theta, weights = gauss_legendre(num_nodes, *breaks)
+    basis = exponentials(theta, q.shape[0])
+    y: Float[Array, " node"] = jnp.sum(basis * q, -1).real
+    return 2.0 / jnp.pi * ((weights * force_at(y)) @ basis.conj())
 
 
 def gauss_legendre(

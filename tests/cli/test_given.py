@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from jbw.campaign.given import campaigns_of
 from jbw.campaign.load import load_campaign
 from jbw.cli import run
+from jbw.cli.given import campaigns_of
 from jbw.errors import ConfigError, DataError
 
 FS, HZ, ZETA = 1024.0, 40.0, 0.004
