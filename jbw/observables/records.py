@@ -547,15 +547,15 @@ def _first_values(data: Records) -> dict[str, float]:
 
 
 def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
-    """Compile the solver of swept tests in a separate thread; return None if no test is swept.
+    """Compile the batch solver of sweeps and decays in a separate thread; None if there are none.
 
     Everything before the first solve continues meanwhile. Laws with a stack of reversals need one
     program per depth, which is not known yet.
     """
-    swept = [test for test in tests if test.kind == "sweep" and not test.point]
-    if not swept:
+    marched = [test for test in tests if test.kind in ("sweep", "decay") and not test.point]
+    if not (marched and laws):
         return None
-    order = derivative_order(swept[0].records[0].response)
+    order = derivative_order(marched[0].records[0].response)
     names = ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)))
 
     def compiled() -> None:

@@ -71,7 +71,7 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
     )
     for sentence in left_out:
         report(sentence)
-    if not several:
+    if campaign.states_laws and not several:
         compile_beside(tests, campaign.laws)
     report(stages.READING_RECORDS)
     look = look_quietly(replace(campaign, tests=tests))

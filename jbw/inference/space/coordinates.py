@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Inexact
 from numpyro.distributions import biject_to, constraints
-from numpyro.distributions.transforms import AffineTransform, Transform
+from numpyro.distributions.transforms import Transform
 
 from jbw.arrays import namespace
 
@@ -75,16 +75,12 @@ class Elementwise(Coordinate):
 
     transform: Transform
 
-    def forward(self, x: Points) -> Points:
+    def forward(self, x: Vector) -> Vector:
         """Return the transformed point."""
-        if namespace(x) is np:
-            return np.asarray(jax.tree.map(np.asarray, self.transform)(x))
         return jnp.asarray(self.transform(x))
 
     def inverse(self, y: Vector) -> Vector:
         """Return the point whose transform is y."""
-        if namespace(y) is np:
-            return np.asarray(jax.tree.map(np.asarray, self.transform).inv(y))
         return jnp.asarray(self.transform.inv(y))
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
@@ -97,12 +93,31 @@ def interval(lower: Vector, upper: Vector) -> Elementwise:
     return Elementwise(biject_to(constraints.interval(lower, upper)))
 
 
-def unit(lower: Vector, upper: Vector) -> Elementwise:
+class Scaled(Coordinate):
+    r"""The map from the unit cube to given bounds, $y = l + (u - l)\,x$."""
+
+    lower: Vector
+    width: Vector
+
+    def forward(self, x: Points) -> Points:
+        """Return the point l + (u - l) x."""
+        xp = namespace(x)
+        return xp.asarray(self.lower) + xp.asarray(self.width) * x
+
+    def inverse(self, y: Vector) -> Vector:
+        """Return the point (y - l) / (u - l)."""
+        xp = namespace(y)
+        return (y - xp.asarray(self.lower)) / xp.asarray(self.width)
+
+    def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
+        """Return the log determinant: the sum of the logarithms of the widths."""
+        return jnp.sum(jnp.log(self.width))
+
+
+def unit(lower: Vector, upper: Vector) -> Scaled:
     r"""Return the map from the unit cube to given bounds, $y = l + (u - l)\,x$."""
     ends = lower, upper - lower
-    if namespace(lower) is np:
-        ends = jax.device_put(ends)
-    return Elementwise(AffineTransform(*ends))
+    return Scaled(*(jax.device_put(ends) if namespace(lower) is np else ends))
 
 
 class Logarithms(Coordinate):
