@@ -3,7 +3,7 @@
 import h5py
 import numpy as np
 import pytest
-from toy_campaign import FS, PLAIN, integrated, write_toy
+from toy_campaign import FS, LAW, PLAIN, integrated, write_toy
 
 import jbw
 from jbw.errors import Attempts, DataError
@@ -42,7 +42,7 @@ def ringing(tmp_path_factory):
     # Fewer programs are compiled without a loop and without an oscillator to compare with.
     sweeps, *_ = path.read_text().partition('\n[[test]]\nkind = "loop"')
     settings = f"{PLAIN}compare_with = []\n"
-    path.write_text(f"{sweeps}{DECAY.format(fs=FS)}\n[identify]\n{settings}")
+    path.write_text(f"{sweeps}{DECAY.format(fs=FS)}{LAW}\n[identify]\n{settings}")
     return path
 
 
