@@ -44,7 +44,7 @@ def test_the_joint_on_a_moving_base_is_found_and_predicted_with_its_participatio
         noisy = seen + 2e-3 * np.std(seen) * rng.standard_normal(seen.size)
         np.savez(tmp_path / f"sweep_{i}.npz", base=base / G, tip=noisy / G)
     (tmp_path / "campaign.toml").write_text(
-        '[campaign]\nname = "table"\n'
+        '[campaign]\nname = "table"\n[joint]\nlaws = ["bouc_wen"]\n'
         + "".join(
             f'[[test]]\nkind = "sweep"\nname = "{name}"\nfiles = "sweep_{i}.npz"\nfs = 512.0\n'
             'channels = { base = "base", acceleration = "tip" }\n'

@@ -12,7 +12,7 @@ import pytest
 from scaled_campaigns import AT_TRUTH, FS, PLANS, RIG
 from scipy.stats import chi2
 from tiers import represented_by
-from toy_campaign import PLAIN, TRUTH, write_toy
+from toy_campaign import LAW, PLAIN, TRUTH, write_toy
 
 from jbw.campaign.load import load_campaign
 from jbw.campaign.settings import Identify
@@ -69,7 +69,7 @@ def test_a_loop_beside_one_tone_starts_beside_what_its_secant_tells(seed):
 @pytest.mark.parametrize("seed", range(4))
 def test_a_quick_answer_does_not_depend_on_its_seed(tmp_path, seed):
     # With seeds 2 and 3 the first of the starts ends with gamma near 0 and an error of 4 %.
-    path = write_toy(tmp_path, PLAIN + '\n[joint]\nlaws = ["bouc_wen"]\n')
+    path = write_toy(tmp_path, PLAIN + LAW)
     study = identify(load_campaign(path), quick=True, seed=seed, report=lambda _: None)
     for name, truth in TRUTH.items():
         draws = study.tree["posterior"][name]

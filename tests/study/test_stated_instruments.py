@@ -18,7 +18,7 @@ def test_stated_instruments_widen_intervals_and_leave_predictions(tmp_path, monk
     stated = driven.replace("gain = 15.0\n", STATED)
     assert stated != driven
     monkeypatch.setattr(toy_campaign, "CAMPAIGN", stated)
-    path = toy_campaign.write_toy(tmp_path, toy_campaign.PLAIN)
+    path = toy_campaign.write_toy(tmp_path, toy_campaign.PLAIN + toy_campaign.LAW)
     study = jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
     wide = study.tree["posterior"].to_dataset()
     narrow = study.tree["as_recorded"].to_dataset()

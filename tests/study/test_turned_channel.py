@@ -13,7 +13,7 @@ def test_a_turned_channel_is_identified_with_a_gain_below_zero(tmp_path, monkeyp
     # The loop's force has no source that could be turned, and a gain of its own.
     driven = toy_campaign.CAMPAIGN.partition('[[test]]\nkind = "loop"')[0]
     monkeypatch.setattr(toy_campaign, "CAMPAIGN", driven.replace("gain = 15.0\n", ""))
-    path = toy_campaign.write_toy(tmp_path, toy_campaign.PLAIN)
+    path = toy_campaign.write_toy(tmp_path, toy_campaign.PLAIN + toy_campaign.LAW)
     for name in tmp_path.glob("*.h5"):
         with h5py.File(name, "r+") as file:
             if "input" in file:

@@ -61,6 +61,11 @@ substeps = 1
 offsets = "none"
 model_error = "none"
 """
+# Without it, every law that is tried compiles its own programs.
+LAW = """
+[joint]
+laws = ["bouc_wen"]
+"""
 
 
 def integrated(u, size, y=0.0, v=0.0):
