@@ -2,10 +2,13 @@
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 
 def namespace(values: Any) -> Any:
     """Return NumPy for NumPy arrays, which compiles nothing, otherwise JAX's NumPy."""
-    return np if isinstance(values, np.ndarray) else jnp
+    if isinstance(values, np.ndarray):
+        return np
+    import jax.numpy as jnp  # This import is slow, and arrays of JAX exist only after it.
+
+    return jnp

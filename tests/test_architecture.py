@@ -14,6 +14,7 @@ import jbw
 ROOT = Path(jbw.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
 ANYWHERE = {
+    "arrays",
     "cache",
     "errors",
     "memory",
@@ -29,6 +30,7 @@ MODEL = LEAVES | {"campaign", "observables"}
 # Every room, to the rooms that it may see beside itself and those that may be seen from anywhere.
 # Lowest first: no room sees one that stands below it in this table.
 SEES = {
+    "arrays": set(),
     "cache": set(),
     "errors": set(),
     "memory": set(),
@@ -39,17 +41,18 @@ SEES = {
     "messages": set(),  # the catalogue, report/messages: seen from anywhere, sees no room
     "run": set(),
     "parts": {"run"},
-    "oscillator": set(),
+    "kept_programs": set(),  # compiled functions, which the leaves and `observables` keep
+    "oscillator": {"kept_programs"},
     "forced": {"oscillator"},  # what a known joint does under other loads
     "measurement": set(),
     "assembly": {"measurement", "oscillator"},
-    "inference": set(),
+    "inference": {"kept_programs"},
     "paper": {"inference", "oscillator"},
     "freeform": {"measurement"},
     "campaign": {"assembly", "inference", "measurement", "oscillator"},
     "rig": {"assembly", "campaign", "measurement", "oscillator"},
     "report": {"inference", "measurement", "oscillator", "run"},
-    "observables": LEAVES,
+    "observables": LEAVES | {"kept_programs"},
     "identification": MODEL | {"paper"},
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},

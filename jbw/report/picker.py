@@ -32,8 +32,13 @@ SLOWEST = 3.0  # smallest number of periods in a record; a slower line may be a 
 DIGITS = 5  # number of digits of a frequency and of a value on the page
 
 Lines = Float[np.ndarray, " line"]
-# frequencies [Hz], and the size of a response, divided by the source if the test has one
-Spectrum = tuple[Lines, Lines]
+
+
+class ShownSpectrum(NamedTuple):
+    """A measured response against frequency, divided by the source if the test has one."""
+
+    freq_hz: Lines
+    size: Lines
 
 
 class Peak(NamedTuple):
@@ -74,7 +79,7 @@ def render_picker(campaign: str, tests: Sequence[Test]) -> str:
 
 
 def picker_data(
-    tests: Sequence[Test], spectra: Mapping[str, Spectrum], peaks: Sequence[Peak]
+    tests: Sequence[Test], spectra: Mapping[str, ShownSpectrum], peaks: Sequence[Peak]
 ) -> dict[str, Any]:
     """Return the data of the page: each test's spectrum with any stated band, and the peaks."""
     return {
@@ -84,12 +89,12 @@ def picker_data(
                 "kind": test.kind,
                 "band": None if test.band_hz is None else list(test.band_hz),
                 "driven": test.traits.is_driven or test.traits.is_curve,
-                "freq": _rounded(freq),
-                "size": _rounded(size),
+                "freq": _rounded(drawn.freq_hz),
+                "size": _rounded(drawn.size),
             }
             for test in tests
             if test.name in spectra
-            for freq, size in [shown(spectra[test.name])]
+            for drawn in [shown(spectra[test.name])]
         ],
         "peaks": [{"freq": round(peak.freq_hz, 4), "band": list(peak.band_hz)} for peak in peaks],
     }
@@ -99,7 +104,7 @@ def _rounded(values: Any) -> list[float]:
     return [float(f"{value:.{DIGITS}g}") for value in values]
 
 
-def spectrum_of(test: Test) -> Spectrum | None:
+def spectrum_of(test: Test) -> ShownSpectrum | None:
     """Return a test's response spectrum, from its repeats' mean power; None for tones and loops.
 
     A measured response curve is returned itself. For a driven test the spectrum is the ratio to the
@@ -122,10 +127,10 @@ def spectrum_of(test: Test) -> Spectrum | None:
         is_shown &= swept(source) & (source > 0)
     if not is_shown.any():
         return None
-    return freq[is_shown], np.sqrt(response[is_shown] / source[is_shown])
+    return ShownSpectrum(freq[is_shown], np.sqrt(response[is_shown] / source[is_shown]))
 
 
-def peaks_of(spectra: dict[str, Spectrum]) -> list[Peak]:
+def peaks_of(spectra: dict[str, ShownSpectrum]) -> list[Peak]:
     """Return the clear peaks of the spectra, from low to high, each with a separate band."""
     peaks: list[tuple[float, float, str]] = []
     for name, (freq, size) in spectra.items():
@@ -192,19 +197,18 @@ def _power(samples: Float[np.ndarray, " time"]) -> Lines:
     return np.convolve(squares, np.ones(NEAR_LINES) / NEAR_LINES, "same")
 
 
-def _of_curves(test: Test) -> Spectrum:
+def _of_curves(test: Test) -> ShownSpectrum:
     first = test.records[0]
     freq = np.asarray(first.channels["frequency"], float)
     size = np.mean([np.abs(record.channels[record.response]) for record in test.records], axis=0)
     order = np.argsort(freq)
     is_usable = np.isfinite(size[order]) & (freq[order] > 0)
-    return freq[order][is_usable], size[order][is_usable]
+    return ShownSpectrum(freq[order][is_usable], size[order][is_usable])
 
 
-def shown(spectrum: Spectrum) -> Spectrum:
+def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
     """Reduce a spectrum for display: keep the largest line of each interval of frequencies."""
-    freq, size = spectrum
-    width = -(-len(size) // NUM_SHOWN)
-    starts = range(0, len(size), width)
-    largest = [start + int(np.argmax(size[start : start + width])) for start in starts]
-    return freq[largest], size[largest]
+    width = -(-len(spectrum.size) // NUM_SHOWN)
+    starts = range(0, len(spectrum.size), width)
+    largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]
+    return ShownSpectrum(spectrum.freq_hz[largest], spectrum.size[largest])

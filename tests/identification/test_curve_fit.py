@@ -11,7 +11,6 @@ from jbw.identification.assemble import assemble, measured
 from jbw.identification.curve_fit import from_readings, rows_of_curve
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.oscillator.oscillator import oscillator_of
-from jbw.study.prepared import candidates
 
 JOINTS = {
     "bouc_wen": {"alpha": 400.0, "delta": 300.0, "gamma": 25.0},
@@ -80,12 +79,3 @@ def test_the_rows_have_the_errors_of_the_curve():
     errors = np.sqrt(np.diag(rows.factor @ rows.factor.T))
     np.testing.assert_allclose(errors[:5], 2 * sd[0], rtol=1e-5)
     np.testing.assert_allclose(errors[5:], np.hypot(2 * sd[1], 2e-3 * 2 * ZETA))
-
-
-def test_small_laws_are_proposed_first_and_each_law_once():
-    proposals, others = candidates(["iwan4", "masing_power"])
-    assert proposals == ("masing_power", "bouc_wen", "iwan4")
-    assert not others
-    proposals, others = candidates([])
-    assert proposals == ("bouc_wen",)
-    assert {"cubic", "quadratic_damping", "iwan4"} <= set(others)
