@@ -79,7 +79,7 @@ class KeptProgram[**P, R]:
             return self._compiled(*args, **kwargs)
         # The results of a kept program belong to a device, and JAX compiles it again for arguments
         # that do not.
-        return program(*jax.device_put(arrays, *arrays[0].devices()))
+        return program(*jax.device_put(arrays, *arrays[0].devices() if arrays else ()))
 
     def forget(self) -> None:
         """Release the compiled programs of this process."""

@@ -115,7 +115,7 @@ def curve_fit(
     # One mode determines only a sum over all joints.
     if "zeta" not in prior.names or is_assembled(data.held):
         return None
-    part = next(part for part in data.parts if "zeta" in part.informs)
+    part = next((part for part in data.parts if "zeta" in part.informs), data.parts[0])
     bounds = of_drive(bounds_by_name(prior), part.drive)
     bounds = {n: x for n, x in bounds.items() if n not in BESIDE_CURVE and n == plain(n)}
     inside, rows = box(bounds), rows_of_curve(curve)

@@ -270,16 +270,7 @@ def decays_at(
     ]  # fmt: skip
     taps = np.asarray(data.taps)
     windows = sliding_window_view(np.concatenate(lots)[:count], len(taps), axis=1)
-    return _logarithms(windows[:, :: data.stride] @ taps, data)
-
-
-def _logarithms(
-    envelopes: Complex[np.ndarray, "point step"], data: Envelopes
-) -> Complex[np.ndarray, "point step"]:
-    """Return the logarithms of envelopes with their phases unwrapped."""
-    turns = np.angle(envelopes[:, 1:] * np.conj(envelopes[:, :-1]) * np.asarray(data.rotation))
-    phases = np.pad(np.cumsum(turns, axis=1), ((0, 0), (1, 0)))
-    return np.log(np.abs(envelopes)) + 1j * phases
+    return _logarithm(windows[:, :: data.stride] @ taps, data)
 
 
 def _exponential(joint: Oscillator, data: Envelopes) -> Complex[Array, " step"]:
@@ -301,11 +292,15 @@ def _exponential(joint: Oscillator, data: Envelopes) -> Complex[Array, " step"]:
     return course @ (begun * filtered)
 
 
-def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Array, " step"]:
+def _logarithm(
+    envelope: Complex[Any, "*point step"], data: Envelopes
+) -> Complex[Any, "*point step"]:
     """Return the logarithm of an envelope with its phase unwrapped."""
-    turns = jnp.angle(envelope[1:] * jnp.conj(envelope[:-1]) * data.rotation)
-    phase = jnp.concatenate([jnp.zeros(1), jnp.cumsum(turns)])
-    return jax.lax.complex(jnp.log(jnp.abs(envelope)), phase)
+    xp = namespace(envelope)
+    turns = envelope[..., 1:] * xp.conj(envelope[..., :-1]) * xp.asarray(data.rotation)
+    phase = xp.cumsum(xp.angle(turns), axis=-1)
+    phase = xp.concatenate([xp.zeros_like(phase[..., :1]), phase], axis=-1)
+    return xp.log(xp.abs(envelope)) + 1j * phase
 
 
 def matches_at(theta: Mapping[str, Float[np.ndarray, " point"]], data: Decays) -> Match:

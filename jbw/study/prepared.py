@@ -21,7 +21,7 @@ from jbw.campaign.tables import force_per_unit
 from jbw.errors import JbwError
 from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble, measured_in
-from jbw.identification.curve_fit import from_readings
+from jbw.identification.curve_fit import CurveFit, from_readings
 from jbw.identification.first_fit import first_fit
 from jbw.identification.usable import usable
 from jbw.inference.fit.fitting import Fit
@@ -138,12 +138,11 @@ def chosen(
     key, is_white = jax.random.key(seed), False
     fits: dict[str, dict[str, float]] = {}
     errors: dict[str, float] = {}
-    starts: dict[str, dict[str, float]] = {}
-    for law, alone in _trials(seen, groups, curve, starts, key):
+    for law, start, alone in _trials(seen, groups, curve, key):
         report(messages.trying(law))
         tried = assemble(replace(seen, laws=(law,)))
         try:
-            _, best, data = first_fit(key, tried, seen.settings, start=starts.get(law), alone=alone)
+            _, best, data = first_fit(key, tried, seen.settings, start=start, alone=alone)
         except JbwError:  # The law cannot be solved for these tests.
             continue
         fits[law] = best.theta
@@ -163,22 +162,22 @@ def _trials(
     seen: Measured,
     groups: Sequence[Sequence[str]],
     curve: AmplitudeCurve | None,
-    starts: dict[str, dict[str, float]],
     key: Key[Array, ""],
-) -> Iterator[tuple[str, bool]]:
-    """Yield each law with whether it gets one start alone; add its start before."""
-    laws: list[str] = []
+) -> Iterator[tuple[str, Mapping[str, float], bool]]:
+    """Yield each law in the order of its fits, with its start, and whether it gets no other."""
+    trials: list[tuple[str, Mapping[str, float]]] = []
     for group in groups:
-        criteria = dict.fromkeys(group, np.inf)
+        found = {law: CurveFit({}, np.inf) for law in group}
         for law in group:
-            tried, least = assemble(replace(seen, laws=(law,))), min(criteria.values())
+            tried = assemble(replace(seen, laws=(law,)))
+            least = min(one.criterion for one in found.values())
             with suppress(JbwError):  # Such a law has no steady loops.
-                found = from_readings(key, tried, seen.settings, curve, below=least)
-                if found is not None:
-                    starts[law], criteria[law] = found
-        laws += sorted(group, key=criteria.__getitem__)
-        yield from ((law, True) for law in laws[-len(group) :])
-    yield from ((law, False) for law in laws)
+                one = from_readings(key, tried, seen.settings, curve, below=least)
+                found[law] = one or found[law]
+        ordered = sorted(group, key=lambda law, found=found: found[law].criterion)
+        yield from ((law, found[law].theta, True) for law in ordered)
+        trials += [(law, found[law].theta) for law in ordered]
+    yield from ((law, start, False) for law, start in trials)
 
 
 def remains_of(best: Fit, data: Dataset) -> tuple[float, bool]:
