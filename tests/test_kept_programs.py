@@ -20,7 +20,7 @@ from jbw.cache import Programs
 from jbw.kept_programs import KeptProgram
 from jbw.observables.samples import joints_at
 from jbw.oscillator import batch
-from jbw.oscillator.batch import INTERVALS, LANES, silence
+from jbw.oscillator.batch import INTERVALS, LANES, released
 from jbw.paper.kernels import h1
 
 OMEGA = jnp.linspace(1.0, 3.0, 5)
@@ -62,13 +62,13 @@ def test_a_program_that_takes_its_own_results_is_compiled_once_and_kept(folder):
     )
     march = partial(batch.march, joints, np.zeros(LANES), fs=1024.0, substeps=1, order=1)
     with Compiled() as compiled:
-        moved = march(silence(2 * INTERVALS), released=1e-3).response
+        moved = march(released(1e-3, 2 * INTERVALS)).response
     assert len([name for name in compiled if name == "jit(call)"]) == 2  # the tip and the march
     assert len(list(folder.iterdir())) == 2
     batch._marched.forget()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jax.export, "export", refuse)
-        again = march(silence(2 * INTERVALS), released=1e-3).response
+        again = march(released(1e-3, 2 * INTERVALS)).response
     np.testing.assert_array_equal(again, moved)
 
 

@@ -154,5 +154,5 @@ def rows_of_curve(curve: AmplitudeCurve) -> WhiteRows:
             OF_MEAN, (stiffness, loss), slopes, covariances, strict=True
         )
     ]  # fmt: skip
-    factor = np.linalg.cholesky(block_diag(*blocks))
+    factor = np.linalg.cholesky(np.asarray(block_diag(*blocks)))
     return WhiteRows(curve.y, np.append(stiffness, loss), factor, unit)

@@ -36,7 +36,7 @@ from jbw.observables.effective_values import white_square
 from jbw.observables.groups import Rows, changed, weights, with_effective_values
 from jbw.observables.observable import Shown, Theta, Weighted, alone
 from jbw.observables.samples import joints_at
-from jbw.oscillator.batch import LANES, march, silence
+from jbw.oscillator.batch import LANES, march, released
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, derivative_order
@@ -260,11 +260,12 @@ def decays_at(
         simulated = replace(data, mean=None, groups=None, **data.unread)
         return np.asarray(_decays_of(jax.device_put(dict(theta)), simulated))
     count = len(next(iter(theta.values())))
-    record, order = silence(data.num_samples), derivative_order(data.response)
+    record = released(float(data.y_start), data.num_samples)
+    order = derivative_order(data.response)
     lots = [
         march(
             jax.tree.map(lambda leaf, lot=lot: leaf[lot], joints), np.zeros(LANES), record,
-            data.fs, data.substeps, order, released=float(data.y_start),
+            data.fs, data.substeps, order,
         ).response
         for lot in (slice(first, first + LANES) for first in range(0, count, LANES))
     ]  # fmt: skip
@@ -333,21 +334,21 @@ class Beginning(NamedTuple):
     """
 
     entry: Entry
-    covariance: Float[Array, "own own"]
-    rate: Float[Array, ""]
+    covariance: Float[Any, "own own"]
+    rate: Float[Any, ""]
 
-    def moved(self, change: Float[Array, " own"]) -> Entry:
+    def moved(self, change: Float[Any, " own"]) -> Entry:
         """Return the initial state after changes of log amplitude, phase and frequency shift."""
         place, phase, shift = self.entry
         return Entry(place + change[0] / self.rate, phase + change[1], shift + change[2])
 
 
 def begun(
-    decay: Complex[Array, " step"],
-    envelope: Complex[Array, " value"],
-    noise_std: Float[Array, ""],
+    decay: Complex[Any, " step"],
+    envelope: Complex[Any, " value"],
+    noise_std: Float[Any, ""],
     data: Decays,
-    law_std: float | Float[Array, ""] = 0.0,
+    law_std: float | Float[Any, ""] = 0.0,
 ) -> Beginning:
     r"""Estimate the initial state and the frequency shift of a record from its start alone.
 

@@ -114,7 +114,7 @@ class _Span(NamedTuple):
 
 
 class MarchedRecord(NamedTuple):
-    """A record in pieces, ready for simulation by `march`; `record_of` makes it."""
+    """A record in pieces for `march`; made by `record_of`, or by `released` for free motion."""
 
     pieces: tuple[_Piece, ...]
     num_intervals: int
@@ -122,6 +122,9 @@ class MarchedRecord(NamedTuple):
     # rows by which the responses are multiplied before they are summed, such as weights of spectral
     # lines
     rows: Float[np.ndarray, "row time"] | None = None
+    # displacement [m] at which the motion begins, on the steady loop of that amplitude; None for a
+    # motion from rest
+    y_peak: float | None = None
 
 
 def march(
@@ -134,9 +137,8 @@ def march(
     *,
     known: Float[np.ndarray, "lane direction"] | None = None,
     writes: bool = True,
-    released: float | None = None,
 ) -> Motions:
-    """Return the motion of many oscillators, from rest, under one sampled input.
+    """Return the motion of many oscillators under one sampled input, from rest or released.
 
     Args:
         joints: The oscillators, at most `LANES` along the first axis of every leaf; the exact step
@@ -148,8 +150,6 @@ def march(
         order: Derivative that is returned: 0 displacement, 1 velocity, 2 acceleration.
         known: Known parts a of the directions, which are no residual; None for zero.
         writes: Whether to return the responses in addition to the sums.
-        released: Displacement [m] at which the motion begins instead, on the steady loop of that
-            amplitude; None for a motion from rest.
     """
     count = len(gains)
     joints, gain = filled_up((joints, gains))
@@ -157,10 +157,10 @@ def march(
     if known is not None:
         parts[:count, : known.shape[1]] = known
     lanes = jax.device_put(_Lanes(joints, gain, parts))
-    if released is None:
+    if record.y_peak is None:
         state = _at_rest(lanes.joints)
     else:
-        state = _at_tips(lanes.joints, jax.device_put(np.float64(released)))
+        state = _at_tips(lanes.joints, jax.device_put(np.float64(record.y_peak)))
     totals = jax.device_put(_none())
     written_rows, rows = [], record.rows
     products = np.zeros((count, 0 if rows is None else len(rows)))
@@ -213,16 +213,17 @@ def filled_up(values: PyTree) -> PyTree:
     return jax.tree.map(filled, values)
 
 
-def silence(num_samples: int) -> MarchedRecord:
-    """Return a record without input, for free motion."""
+def released(y_peak: float, num_samples: int) -> MarchedRecord:
+    """Return a record without input: free motion from the tip of the steady loop to y_peak [m]."""
     num_pieces = len(_starts(num_samples))
-    return MarchedRecord((_silent_piece(),) * num_pieces, num_samples - 1, 0)
+    pieces = (_silent_piece(),) * num_pieces
+    return MarchedRecord(pieces, num_samples - 1, 0, y_peak=float(y_peak))
 
 
 @cache
 def _silent_piece() -> _Piece:
-    inputs = np.zeros((INTERVALS, NUM_POWERS)), np.zeros(INTERVALS + 1)
-    return _Piece(*jax.device_put(inputs), _nothing())
+    polynomials, samples = np.zeros((INTERVALS, NUM_POWERS)), np.zeros(INTERVALS + 1)
+    return _Piece(jax.device_put(polynomials), jax.device_put(samples), _nothing())
 
 
 @KeptProgram

@@ -21,7 +21,7 @@ from jbw.oscillator.batch import (
     compile_ahead,
     march,
     record_of,
-    silence,
+    released,
 )
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.laws import laws_named
@@ -191,7 +191,7 @@ def test_a_joint_that_is_released_moves_freely_from_the_tip_of_its_loop(laws):
     rng = np.random.default_rng(5)
     theta = {n: x * (1 + 1e-2 * rng.standard_normal(3)) for n, x in (THETA | masing).items()}
     many, size, y_peak = jax.vmap(lambda p: oscillator_of(p, laws))(theta), INTERVALS + 30, 2e-3
-    found = march(many, np.ones(3), silence(size), FS, 2, 1, released=y_peak)
+    found = march(many, np.ones(3), released(y_peak, size), FS, 2, 1)
     for i in range(3):
         joint = jax.tree.map(lambda leaf, i=i: leaf[i], many)
         start = (y_peak, 0.0, joint.at_tip(jnp.asarray(y_peak)))
