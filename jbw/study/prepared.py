@@ -135,6 +135,8 @@ def chosen(
     Returns:
         Tests under the chosen law, its fit (empty if none was made), and a sentence on it.
     """
+    if curve is not None:
+        report(messages.BY_READINGS)
     key, is_white = jax.random.key(seed), False
     fits: dict[str, dict[str, float]] = {}
     errors: dict[str, float] = {}

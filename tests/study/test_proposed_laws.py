@@ -73,7 +73,7 @@ def test_the_law_that_fits_frequency_and_damping_best_is_fitted_first(tmp_path):
     laws = ("quintic", "bouc_wen", "cubic"), ("quadratic_damping",)
     measured, _, sentence = chosen(seen, laws, curve, 0, said.append)
     assert measured.laws == ("cubic",)
-    assert said == [messages.trying("cubic"), sentence]
+    assert said == [messages.BY_READINGS, messages.trying("cubic"), sentence]
 
 
 @pytest.mark.slow

@@ -9,6 +9,9 @@ OF_EACH_MODE = " of each mode"
 IN_FIRST_MODE = " in the first mode"
 
 
+BY_READINGS = "Fitting laws to frequency and damping against amplitude"
+
+
 def trying(law: str) -> str:
     """Return the progress message that a law is fitted because the campaign states none."""
     return f"The campaign states no law: fitting {law}"
