@@ -38,6 +38,9 @@ from jbw.study.look import UNREADABLE, Look, look_quietly
 
 # A law with fewer parameters is preferred if its error is at most this multiple of the smallest.
 AS_GOOD = 1.1
+# A law is excluded if its information criterion is larger than the smallest by more than this (Kass
+# and Raftery 1995).
+DECISIVE = 10.0
 
 
 class PreparedTests(NamedTuple):
@@ -140,7 +143,8 @@ def chosen(
     key, is_white = jax.random.key(seed), False
     fits: dict[str, dict[str, float]] = {}
     errors: dict[str, float] = {}
-    for law, start, alone in _trials(seen, groups, curve, key):
+    by_curve: dict[str, CurveFit] = {}
+    for law, start, alone in _trials(seen, groups, curve, by_curve, key):
         report(messages.trying(law))
         tried = assemble(replace(seen, laws=(law,)))
         try:
@@ -156,7 +160,11 @@ def chosen(
     enough = AS_GOOD * min(errors.values())
     good = [name for name in errors if errors[name] <= enough]
     best_law = law if is_white else min(good, key=lambda name: len(law_named(name).table))
-    report(sentence := messages.chosen_by_fits(best_law, errors, is_white=is_white))
+    criteria = {name: one.criterion for name, one in by_curve.items()}
+    most = DECISIVE + min(criteria.values(), default=0.0)
+    excluded = [name for name in criteria if name not in errors and criteria[name] > most]
+    sentence = messages.chosen_by_fits(best_law, errors, excluded, is_white=is_white)
+    report(sentence)
     return replace(seen, laws=(best_law,)), fits[best_law], sentence
 
 
@@ -164,21 +172,26 @@ def _trials(
     seen: Measured,
     groups: Sequence[Sequence[str]],
     curve: AmplitudeCurve | None,
+    by_curve: dict[str, CurveFit],
     key: Key[Array, ""],
 ) -> Iterator[tuple[str, Mapping[str, float], bool]]:
-    """Yield each law in the order of its fits, with its start, and whether it gets no other."""
+    """Yield each law in the order of its fits, with its start, and whether it gets no other.
+
+    Laws are fitted to the curve group by group; `by_curve` collects these fits.
+    """
     trials: list[tuple[str, Mapping[str, float]]] = []
     for group in groups:
-        found = {law: CurveFit({}, np.inf) for law in group}
         for law in group:
             tried = assemble(replace(seen, laws=(law,)))
-            least = min(one.criterion for one in found.values())
+            least = min((one.criterion for one in by_curve.values()), default=np.inf)
             with suppress(JbwError):  # Such a law has no steady loops.
                 one = from_readings(key, tried, seen.settings, curve, below=least)
-                found[law] = one or found[law]
-        ordered = sorted(group, key=lambda law, found=found: found[law].criterion)
-        yield from ((law, found[law].theta, True) for law in ordered)
-        trials += [(law, found[law].theta) for law in ordered]
+                if one is not None:
+                    by_curve[law] = one
+        fits = {law: by_curve.get(law, CurveFit({}, np.inf)) for law in group}
+        ordered = sorted(fits.items(), key=lambda fit: fit[1].criterion)
+        yield from ((law, fit.theta, True) for law, fit in ordered)
+        trials += [(law, fit.theta) for law, fit in ordered]
     yield from ((law, start, False) for law, start in trials)
 
 

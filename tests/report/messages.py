@@ -212,10 +212,12 @@ OF_TOPICS = {
         free_law.least_damping(1.25, 1.4e-3), free_law.scattered(1.51),
         free_law.gap_sliders(11, 0.104, 2.6e-3),
         free_law.held_out_loop("1.5 in", 0.151, 0.124),
+        laws.BY_READINGS,
         laws.trying("cubic"),
-        laws.chosen_by_fits("cubic", {"cubic": 0.0041}, is_white=True),
+        laws.chosen_by_fits("cubic", {"cubic": 0.0041}, ["iwan4", "bouc_wen"], is_white=True),
         laws.chosen_by_fits(
-            "iwan4", {"bouc_wen": 0.0068, "iwan4": 0.0021, "masing_power": 0.0025}, is_white=False
+            "iwan4", {"bouc_wen": 0.0068, "iwan4": 0.0021, "masing_power": 0.0025}, [],
+            is_white=False,
         ),
         laws.OF_EACH_MODE, laws.IN_FIRST_MODE,
         *(

@@ -74,6 +74,7 @@ def test_the_law_that_fits_frequency_and_damping_best_is_fitted_first(tmp_path):
     measured, _, sentence = chosen(seen, laws, curve, 0, said.append)
     assert measured.laws == ("cubic",)
     assert said == [messages.BY_READINGS, messages.trying("cubic"), sentence]
+    assert "only noise remains; frequency and damping exclude " in sentence
 
 
 @pytest.mark.slow

@@ -7,9 +7,7 @@ from jbw.report.messages.message import listed, percent
 # words that follow the names of the laws if several modes do not share a joint
 OF_EACH_MODE = " of each mode"
 IN_FIRST_MODE = " in the first mode"
-
-
-BY_READINGS = "Fitting laws to frequency and damping against amplitude"
+BY_READINGS = "Fitting laws to frequency and damping against amplitude"  # progress message
 
 
 def trying(law: str) -> str:
@@ -17,18 +15,22 @@ def trying(law: str) -> str:
     return f"The campaign states no law: fitting {law}"
 
 
-def chosen_by_fits(law: str, errors: Mapping[str, float], *, is_white: bool) -> str:
+def chosen_by_fits(
+    law: str, errors: Mapping[str, float], excluded: Sequence[str], *, is_white: bool
+) -> str:
     """Return the sentence on the law that was chosen because the campaign states none.
 
     Args:
         law: The chosen law.
         errors: Errors of the fitted laws relative to the rms of the records, in order of the fits.
+        excluded: Laws that were not fitted to the records, as frequency and damping exclude them.
         is_white: Whether the residuals of the chosen law are white.
     """
     fitted = f"the error of {law} is {percent(errors[law])} of the records' rms"
     others = [f"{name} {percent(error)}" for name, error in errors.items() if name != law]
     reason = "only noise remains" if is_white else "the residual of every tried law exceeds noise"
     than = f" (errors of other laws: {', '.join(others)})" if others else ""
+    reason += f"; frequency and damping exclude {listed(excluded)}" if excluded else ""
     return (
         f"The campaign states no law; {law} is chosen: {fitted}{than}; {reason}. "
         f'Put under [joint]: `laws = ["{law}"]` to state it.'
