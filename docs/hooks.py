@@ -300,7 +300,7 @@ def page_of(name: str) -> str:
 
 def in_the_pipeline() -> dict[int, list[str]]:
     """Functions of Steps 2 to 4 and of the measurements, by the equations they refer to."""
-    from jbw.paper import numbers
+    from jbw.paper.table import numbers
 
     used: dict[int, list[str]] = {}
     for folder in ("identification", "measurement", "observables", "inference", "study"):

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import jbw
-from jbw.paper import LAST, equations, numbers, rows_of
+from jbw.paper.table import LAST, equations, numbers, rows_of
 
 FILE = Path(__file__).with_name("public_names.json")
 CHANGELOG = Path(__file__).parents[1] / "CHANGELOG.md"
