@@ -14,7 +14,6 @@ import jbw
 ROOT = Path(jbw.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
 ANYWHERE = {
-    "arrays",
     "cache",
     "errors",
     "memory",
@@ -30,7 +29,6 @@ MODEL = LEAVES | {"campaign", "observables"}
 # Every room, to the rooms that it may see beside itself and those that may be seen from anywhere.
 # Lowest first: no room sees one that stands below it in this table.
 SEES = {
-    "arrays": set(),
     "cache": set(),
     "errors": set(),
     "memory": set(),

@@ -17,7 +17,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 from numpy.lib.stride_tricks import sliding_window_view
 
-from jbw.arrays import namespace
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.lanes import FIT_LANES
 from jbw.kept_programs import KeptProgram
@@ -37,6 +36,7 @@ from jbw.observables.groups import Rows, changed, weights, with_effective_values
 from jbw.observables.observable import Shown, Theta, Weighted, alone
 from jbw.observables.samples import joints_at
 from jbw.oscillator.batch import LANES, march, released
+from jbw.oscillator.hold import namespace
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, derivative_order

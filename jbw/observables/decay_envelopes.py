@@ -14,7 +14,6 @@ import jax
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jbw.arrays import namespace
 from jbw.errors import DataError
 from jbw.measurement.demodulation import BandFilter
 from jbw.measurement.envelopes import envelopes, filter_of
@@ -24,6 +23,7 @@ from jbw.measurement.records import Test
 from jbw.observables.groups import Groups, repeated
 from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
+from jbw.oscillator.hold import namespace
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 # number of unknowns of a record in addition to the noise: amplitude, phase, frequency shift

@@ -11,7 +11,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Inexact
 
-from jbw.arrays import namespace
+from jbw.oscillator.hold import namespace
 
 # If columns are scaled to norm one, singular values below this are rounding errors.
 SPANS = 1e-10

@@ -8,13 +8,12 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from jbw.arrays import namespace
 from jbw.errors import DataError
 from jbw.measurement.channels import whole_down, whole_up
 from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.batch import filled_up
 from jbw.oscillator.deepening import with_depth
-from jbw.oscillator.hold import HeldInput, held
+from jbw.oscillator.hold import HeldInput, held, namespace
 from jbw.oscillator.modes.parameters import (
     at_points,
     gain_ratios,

@@ -14,7 +14,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jbw.arrays import namespace
 from jbw.oscillator.parameters import Scalar
 
 # Coefficients of a one-sided second difference of order 4.
@@ -185,6 +184,11 @@ def _bump(
     s = (n / _BUMP_WIDTH) ** 2
     fall = namespace(n).exp(-s)
     return 0.5 * n**2 * fall, n * (1.0 - s) * fall, (1.0 - 5.0 * s + 2.0 * s**2) * fall
+
+
+def namespace(values: Any) -> Any:
+    """Return NumPy for NumPy arrays, which compiles nothing, otherwise JAX's NumPy."""
+    return np if isinstance(values, np.ndarray) else jnp
 
 
 def substep_matrices(num_powers: int, substeps: int) -> Float[np.ndarray, "substep power power"]:

@@ -19,11 +19,14 @@ from jaxtyping import Array, Float, Inexact
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import Transform
 
-from jbw.arrays import namespace
-
 Vector = Float[Any, " parameter"]  # a NumPy array outside of compiled code
 # Points by rows, which may be complex for derivatives; changes of single parameters take them, too.
 Points = Inexact[Any, "*point parameter"]
+
+
+def namespace(values: Any) -> Any:
+    """Return NumPy for NumPy arrays, which compiles nothing, otherwise JAX's NumPy."""
+    return np if isinstance(values, np.ndarray) else jnp
 
 
 class Coordinate(eqx.Module):

@@ -9,11 +9,10 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 from numpy.typing import NDArray
 
-from jbw.arrays import namespace
 from jbw.errors import ConfigError
 from jbw.inference.lanes import seen_by
 from jbw.inference.space.box import Box, named
-from jbw.inference.space.coordinates import Affine, Composed, Coordinate, interval, unit
+from jbw.inference.space.coordinates import Affine, Composed, Coordinate, interval, namespace, unit
 from jbw.inference.space.reparametrisation import Reparametrisation
 
 Theta = Mapping[str, Float[Array, "..."]]

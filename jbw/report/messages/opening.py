@@ -84,11 +84,11 @@ def contradicted(y: float, unit: str, modelled: str, measured: str) -> str:
     """Return the sentence that the law's damping differs from the damping of the records."""
     return (
         f"At {number(y, '.3g')} {unit} the law has a damping ratio of {modelled}, but the records "
-        f"show {measured} without a law. One of these values is wrong: do not use the law near this "
-        "amplitude before you know which. Another mode may move the joint too, which changes both "
-        "(leave out the beginning of decays by `settle`); the joint may differ between records "
-        "(identify each day and torque separately); or the law may be wrong (compare laws: jbw "
-        "laws)."
+        f"show {measured} without a law. One of these values is wrong: do not use the law near "
+        "this amplitude before you know which. Another mode may move the joint too, which changes "
+        "both (leave out the beginning of decays by `settle`); the joint may differ between "
+        "records (identify each day and torque separately); or the law may be wrong (compare laws: "
+        "jbw laws)."
     )
 
 
