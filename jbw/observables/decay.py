@@ -317,8 +317,14 @@ def matched(theta: Theta, data: Decays) -> Match:
     """Fit each record's initial state and shift at one parameter point."""
     if data.modes is not None:
         return _matched(theta, alone(data))
+    with np.errstate(all="ignore"):
+        return match(_decay_at(theta, data)[None], np.asarray(data.mean), data.step_s)
+
+
+def _decay_at(theta: Theta, data: Decays) -> Complex[np.ndarray, " step"]:
+    """Return `decay_of` at one parameter point, by the programs that serve fits."""
     point = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
-    return jax.tree.map(lambda leaf: leaf[0], matches_at(point, data))
+    return decays_at(point, data)[0]
 
 
 @eqx.filter_jit
@@ -402,12 +408,11 @@ def drift_from_beginning(theta: Theta, data: Decays, run: str) -> LeftOutDecay:
     """
     record, size = data.groups.labels.index(run), num_begun(theta, data)
     noise = np.asarray(data.groups.noise_std)
-    own = np.asarray(matched(theta, data).residual)[record]
+    decay, measured = _decay_at(theta, data), np.asarray(data.mean[record])
+    own = match(decay, measured, data.step_s).residual
     others = np.delete(noise, record)
     usual = float(np.median(others)) if len(others) else float(noise[record])
     noise_std = max(usual, np.sqrt(white_square(own) / 2))
-    (decay,) = decays_at({name: np.array([float(x)]) for name, x in theta.items()}, data)
-    measured = np.asarray(data.mean[record])
     beginning = begun(decay, measured[:size], np.array(noise_std), data)
     steps = np.arange(len(measured), dtype=float)
     expected, _ = follow(decay, beginning.entry, steps, data.step_s)
