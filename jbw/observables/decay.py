@@ -18,7 +18,6 @@ from jaxtyping import Array, Bool, Complex, Float
 from numpy.lib.stride_tricks import sliding_window_view
 
 from jbw.inference.groups.offsets import Estimate
-from jbw.inference.lanes import FIT_LANES
 from jbw.kept_programs import KeptProgram
 from jbw.measurement.channels import rms
 from jbw.measurement.readings.statement import curve_of
@@ -323,7 +322,7 @@ def matched(theta: Theta, data: Decays) -> Match:
 
 def _decay_at(theta: Theta, data: Decays) -> Complex[np.ndarray, " step"]:
     """Return `decay_of` at one parameter point, by the programs that serve fits."""
-    point = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
+    point = {name: np.full(LANES, float(value)) for name, value in theta.items()}
     return decays_at(point, data)[0]
 
 
