@@ -442,7 +442,7 @@ class Records(Observable):
             return model
         point = self.points[number] if self.points else ""
         row = 1 + self.modes.points.index(point) if point else 0
-        return replace(model, c=model.c[:, [0, row]])
+        return replace(model, c=np.asarray(model.c)[:, [0, row]])
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
         """Return a mask of levels whose predicted response far exceeds the measured response."""

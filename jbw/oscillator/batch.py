@@ -356,8 +356,9 @@ def _marched(
     unused = (jnp.zeros(0),) * piece.polynomials.shape[1]
 
     def stepping_of(model: Model, gain: Array) -> Stepping | ModalStepping:
-        of_model = modal_stepping if isinstance(model, Structure) else stepping
-        return of_model(model, fs * substeps, gain, unused)
+        if isinstance(model, Structure):
+            return modal_stepping(model, fs * substeps, gain, unused)
+        return stepping(model, fs * substeps, gain, unused)
 
     steppings = jax.vmap(stepping_of)(models, gain)
 
@@ -402,7 +403,7 @@ def _marched(
     return jax.lax.fori_loop(0, num_steps, onward, (state, totals, written))
 
 
-def _response_of(model: Model, order: int, state: Any, u: Array) -> tuple[Array, Array]:
+def _response_of(model: Model, order: int, state: Any, u: Array) -> tuple[Any, Any]:
     """Return a model's response and displacement in a state of the motion."""
     if not isinstance(model, Structure):
         return response_of(model, order, state, u), state[0]

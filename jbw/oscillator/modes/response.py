@@ -223,16 +223,16 @@ def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
     return StructureResponse(t, q, dq, x, z, r, work, c @ q, c @ dq, c @ ddq, residual, guesses)
 
 
-def output_of(structure: Structure, c: Array, order: int, state: ModalState, u: Scalar) -> Scalar:
+def output_of(structure: Any, c: Array, order: int, state: ModalState, u: Scalar) -> Scalar:
     """Return displacement, velocity or acceleration (`order` 0, 1, 2) of an output in one state.
 
-    The structure must have an axis of joints. The weights c of the output have one number per mode.
+    The `Structure` must have an axis of joints; the output's weights c are one number per mode.
     """
     q, v, memories = state
     if order < 2:
         return added(c[i] * x for i, x in enumerate(v if order else q))
     modes, h, p = range(len(q)), structure.h, structure.p
-    pull = [0.0] * len(q)
+    pull: list[Any] = [0.0] * len(q)
     for j, (laws, memory) in enumerate(zip(structure.laws, memories, strict=True)):
         x, dx = (added(h[j, i] * part[i] for i in modes) for part in (q, v))
         pairs = list(zip(laws, memory, strict=True))

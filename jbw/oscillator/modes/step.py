@@ -259,13 +259,17 @@ def modal_stepping(
     )
     free = jnp.stack([stiffness, damping, m.f_11, m.f_12, m.f_21, m.f_22], axis=-1)
     modes = tuple(
-        ModeStep(tuple(h_i), tuple(p_i), *free_i, tuple(map(tuple, on_q)), tuple(map(tuple, on_dq)))
+        ModeStep(
+            tuple(h_i), tuple(p_i), *tuple(free_i),
+            on_y=tuple(map(tuple, on_q)), on_v=tuple(map(tuple, on_dq)),
+        )
         for h_i, p_i, free_i, on_q, on_dq in zip(h.T, p, free, on_y, on_v, strict=True)
-    )
+    )  # fmt: skip
+    all_laws: Any = structure.laws
     steps = tuple(
-        JointStep(laws, dt, tuple(Coupling(*row) for row in couplings[j]), jnp.sum(h[j] * b), j)
-        for j, laws in enumerate(structure.laws)
-    )  # pyright: ignore[reportArgumentType]
+        JointStep(laws, dt, tuple(Coupling(*row) for row in by), jnp.sum(h[j] * b), j)
+        for j, (laws, by) in enumerate(zip(all_laws, map(tuple, couplings), strict=True))
+    )
     step = jax.tree.map(jnp.asarray, ModalStep(steps, modes))
     on_q, on_v = (tuple(map(tuple, gain * b[:, None] * w[:, : len(pieces)])) for w in (m.y, m.v))
     return ModalStepping(step, on_q, on_v, gain, pieces)
