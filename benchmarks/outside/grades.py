@@ -31,7 +31,7 @@ NOISE = (1e-4, 0.02)
 LOUDER, SHIFT = 10.0, 1e-4  # times the noise, relative change of frequency
 REACH = 2.576  # standard deviations from the centre of a 99 % band to its ends
 # Two chains of few draws suffice for bands.
-SETTINGS = {"sampler": "importance", "num_chains": 2, "num_samples": 200}
+SETTINGS = {"num_chains": 2, "num_samples": 200}
 
 
 def drawn(rng: Rng, law: str, name: str, case: str) -> Campaign:
@@ -109,7 +109,9 @@ def _identified(path: Path, middle: str) -> dict[str, Any]:
     graded = [each for each in study.verdict.findings if each.code == "law_grade"]
     found = {"grade": graded[0].status if graded else "", "verdict": study.verdict.status}
     found |= {"findings": {each.code: each.status for each in study.verdict.findings}}
-    width = float(attrs.get("half_width", np.nan)) / (REACH * float(attrs["nrmse"]))
+    # The band is that of one repeat, and the error of a test with repeats that of their mean.
+    of_one = np.hypot(float(attrs["nrmse"]), float(attrs.get("scatter", 0.0)) / np.sqrt(2))
+    width = float(attrs.get("half_width", np.nan)) / (REACH * of_one)
     return found | {
         "error": float(attrs["nrmse"]), "held": float(attrs.get("coverage", np.nan)),
         "width": width, "withheld": str(attrs.get("withheld", "")),

@@ -14,11 +14,20 @@ from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, begun, counting, decays_at, num_begun
 from jbw.observables.decay_envelopes import follow
+from jbw.observables.effective_values import white_square
 from jbw.observables.groups import changed
 from jbw.observables.modal_decays import ModalDecays
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
 from jbw.results.attributes import PredictedTest, StoredVariable
-from jbw.verification.bands import QUANTILE_AXIS, band, error, half_width, recentred, within
+from jbw.verification.bands import (
+    QUANTILE_AXIS,
+    band,
+    error,
+    gaussian_band,
+    half_width,
+    recentred,
+    within,
+)
 from jbw.verification.modal_decays import (
     Entered,
     Envelope,
@@ -38,7 +47,6 @@ from jbw.verification.predicted import (
 
 # relative standard deviation of frequency between records, assumed if no decay was fitted
 NO_SHIFT = 1e-6
-MISSED_KEY = 1  # number from which the random key of the model discrepancy is derived
 # number of iterations for a record's own natural frequency; each one reduces the phase error
 # tenfold
 OWN_STEPS = 8
@@ -142,7 +150,7 @@ def _compared(
         groups = changed(only.groups, labels=name, runs=name, noise_std=np.array([noise]))
         seen = replace(only, groups=groups)
         time = np.arange(len(measured_envelope)) * stride / chosen.fs
-        key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
+        key_entry, key_missed = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
         missed = source.basis.discrepancy if held_out else None
         begin, end = (
@@ -157,14 +165,18 @@ def _compared(
         envelope, others = entered(key_entry, seen, time, omega_n * at_begin.frequency)
         own = at_own_frequency(measured_envelope, envelope, time - 0.5 * seen_s)
         own_error = error(*(np.real(x * carrier)[time >= seen_s] for x in (measured_envelope, own)))
+        if held_out:
+            # The noise belongs to the measurement, and that of the fitted records may be smaller.
+            missing = (measured_envelope - own)[time >= seen_s][:: chosen.step // stride]
+            noise = max(noise, np.sqrt(white_square(missing) / 2))
         model, scatter = np.real(envelope * carrier), noise
         if missed is not None and not missed.is_nothing:
-            key_missed, since = jax.random.fold_in(key_noise, MISSED_KEY), time - 0.5 * seen_s
+            since = time - 0.5 * seen_s
             model, size = _with_discrepancy(key_missed, envelope, since, omega_n, at, carrier)
             scatter = np.hypot(noise, missed.share_of(test.kind, at) * size)
         measured, later = np.real(measured_envelope * carrier), time >= seen_s
         model_band = band(model)
-        predictive = band(model + scatter * generator(key_noise).standard_normal(model.shape))
+        predictive = gaussian_band(model, scatter)
         edges = (predictive if source.noise else model_band)[:, later]
         inside = within(measured[later], edges)
         variables = {
