@@ -120,7 +120,8 @@ def _identified(path: Path, middle: str) -> dict[str, Any]:
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """Return a table in Markdown: grades, coverage and band widths of each case."""
-    words = {"ok": "predictive", "usable": "approximate", "failed": "not predictive", "": "none"}
+    words = {"ok": "predictive", "usable": "approximate", "failed": "not predictive"}
+    words |= {"not assessed": "not assessed", "": "none"}
     heads = (*words.values(), "refused", "held [%]", "width, median", "width, largest")
     lines = [f"| case | campaigns | {' | '.join(heads)} |", "|---" * (2 + len(heads)) + "|"]
     for case in CASES:

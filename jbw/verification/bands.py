@@ -87,8 +87,12 @@ def within(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[n
 
 
 def band(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the quantiles 0.5 %, 50 % and 99.5 % of draws: a 99 % band with its median."""
-    return np.quantile(values, QUANTILES, axis=0)
+    """Return the quantiles 0.5 %, 50 % and 99.5 % of draws: a 99 % band with its median.
+
+    Of a hundred normal draws, interpolation between the outermost two would give a band a tenth too
+    narrow; unbiased quantiles make it a fortieth too narrow.
+    """
+    return np.quantile(values, QUANTILES, axis=0, method="normal_unbiased")
 
 
 def gaussian_band(
