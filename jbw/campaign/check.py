@@ -38,7 +38,6 @@ from jbw.measurement.faults.channels import inspect
 from jbw.measurement.faults.controlled import uncontrolled
 from jbw.measurement.faults.examine import Examined, examined_decay, examined_sweep
 from jbw.measurement.faults.fault import Fault, doubt, gathered, refusal, worst
-from jbw.measurement.faults.long_records import DRIFTS, long_records
 from jbw.measurement.faults.loops import loop_causes, one_sided, travels_freely
 from jbw.measurement.faults.noise import noisy_drive, untimely
 from jbw.measurement.faults.plausibility import already_moving, doubts, swapped
@@ -47,7 +46,7 @@ from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record, is_sampled, share_clock
-from jbw.measurement.spans import in_whole_periods, toml_list
+from jbw.measurement.spans import DRIFTS, in_whole_periods, long_records, toml_list
 from jbw.measurement.spectra import strongest_line
 from jbw.quantities import FED
 from jbw.report.messages import campaign_faults as messages
