@@ -118,7 +118,8 @@ def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
         if traits.is_periodic and test.periods > 1:
             sentences += _multisine(test, u, y, fs)
         elif traits.is_broadband:
-            sentences += _noise(u, y, fs, role)
+            coherence = coherence_at_resonance(u, y, fs, role)
+            sentences.append(messages.coherence_of_noise(*coherence))
         else:
             sentences += _repeats(u, y)
             sentences += _sweep(u, y, fs) if traits.is_transient else []
@@ -183,12 +184,6 @@ def _multisine(
     present = [(name, share) for name, (share, count) in shares.items() if count]
     if present:
         yield messages.idle_lines(present, idle.noise)
-
-
-def _noise(
-    u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: Motion
-) -> Iterator[str]:
-    yield messages.coherence_of_noise(*coherence_at_resonance(u, y, fs, role))
 
 
 def coherence_at_resonance(
