@@ -407,8 +407,9 @@ def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> l
         if not (np.isnan(record.fs) or share_clock(record.fs, other.fs)):
             contradictions.append(messages.two_rates(record.fs, other.name, other.fs))
     faults += [refusal(record.response, *contradiction) for contradiction in contradictions]
-    if not first:
-        faults += _of_two_sources(record, test)
+    two_sources = test.drive is None and set(INPUTS) <= record.channels.keys()
+    if not first and test.traits.is_driven and two_sources:
+        faults.append(doubt("input", *messages.TWO_SOURCES))
     return [*faults, *_started_apart(record, test)]
 
 
@@ -471,12 +472,6 @@ def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
     motion = amplitude / (2 * np.pi * hz) ** order if order else amplitude
     if motion > LARGEST_MOTION:
         yield doubt(response, *messages.motion_of_metres(motion, hz if order else 0.0))
-
-
-def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield a warning if a test records two sources and does not state which one is the drive."""
-    if test.traits.is_driven and test.drive is None and set(INPUTS) <= record.channels.keys():
-        yield doubt("input", *messages.TWO_SOURCES)
 
 
 def _fits_test(record: Record, test: TestSpec) -> Iterator[FaultText]:

@@ -20,6 +20,7 @@ from jbw.campaign.roles import (
     Channel,
     Leaves,
     channels_by_role,
+    is_complex,
     last_name,
     with_roles,
 )
@@ -724,7 +725,7 @@ def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Chan
     paths = {role: channel.path for role, channel in channels.items()}
     # The kind is taken from the file's name alone, because the drive channel is unknown.
     kind, is_sure = _kind_of(files[0], {**channels, "force": NOBODY, "restoring_force": NOBODY}, {})
-    if "frequency" in paths and "force" not in paths and any(map(_is_complex, leaves.values())):
+    if "frequency" in paths and "force" not in paths and any(map(is_complex, leaves.values())):
         kind, is_sure = "frf", True
     traits = KINDS[kind] if is_sure else None
     roles = dict(paths)
@@ -807,10 +808,6 @@ def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
     return list(groups.values()) if same_names else [dict(series)]
 
 
-def _is_complex(leaf: Leaf) -> bool:
-    return np.issubdtype(leaf.array.dtype, np.complexfloating)
-
-
 def _kind_of(
     path: Path, roles: Mapping[str, Channel], series: Leaves, *, is_timed: bool = True
 ) -> tuple[str, bool]:
@@ -820,8 +817,10 @@ def _kind_of(
     if {"frequency", "phase"} <= set(roles):
         return "frf", True
     response = next((r for r in RESPONSES if r in roles), "")
-    if response and "frequency" in roles and _is_complex_in(series, roles[response].path):
-        return "frf", True
+    if response and "frequency" in roles:
+        leaf = series.get(roles[response].path)
+        if leaf is not None and is_complex(leaf):
+            return "frf", True
     name = path.stem.lower()
     driven = not roles.keys().isdisjoint(SOURCES)
     looped = "restoring_force" in roles or {"force", "displacement"} <= set(roles)
@@ -848,7 +847,7 @@ def _kind_of(
 def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
     """Return a channel's samples if they are one series of real numbers of moderate length."""
     leaf = series.get(path)
-    if leaf is None or len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES or _is_complex(leaf):
+    if leaf is None or len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES or is_complex(leaf):
         return None
     with suppress(ValueError, TypeError):
         return np.asarray(load(leaf), np.float64)
@@ -874,7 +873,3 @@ def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
     steps = np.diff(force) * np.diff(displacement)
     together = float(steps.sum() / max(float(np.abs(steps).sum()), 1e-300))
     return max(float(np.corrcoef(force, displacement)[0, 1]), together) > FOLLOWING
-
-
-def _is_complex_in(series: Leaves, path: str) -> bool:
-    return path in series and _is_complex(series[path])

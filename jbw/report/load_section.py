@@ -48,7 +48,7 @@ def load_section(run: Path) -> LoadSection | None:
         tree = read_tree(path)
         if tree.attrs.get(POSTERIOR) != hash_of(run / "posterior.nc"):
             return LoadSection(messages.earlier_posterior(str(run)), load_table([]))
-        found = {str(dataset.attrs["load"]): dataset for dataset in _datasets(tree)}
+        found = {str(child.attrs["load"]): child.to_dataset() for child in tree.children.values()}
         rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
         figures = [_picture(name, dataset) for name, dataset in found.items()]
         remark = messages.contains(**next(iter(found.values())).attrs)
@@ -56,10 +56,6 @@ def load_section(run: Path) -> LoadSection | None:
     except (OSError, KeyError, TypeError, ValueError, StopIteration):
         return LoadSection(messages.unreadable_loads(str(run)), load_table([]))
     return LoadSection(remark, load_table(rows), figures)
-
-
-def _datasets(tree: xr.DataTree) -> list[xr.Dataset]:
-    return [child.to_dataset() for child in tree.children.values()]
 
 
 def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:

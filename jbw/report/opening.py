@@ -4,7 +4,7 @@ The sentences state the effect of the joint, the errors of fitted and of held-ou
 parameters that are not identified, and the next step.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from math import ceil, log10
 
 import numpy as np
@@ -335,12 +335,9 @@ def _errors(tests: Sequence[StoredTest]) -> str:
     """
     linear = [row.nrmse_linear for row in tests]
     own_frequency = [row.nrmse_own_frequency for row in tests if not row.fitted]
-    errors = (_known(column) for column in ([row.nrmse for row in tests], linear, own_frequency))
+    columns = ([row.nrmse for row in tests], linear, own_frequency)
+    errors = ([number for number in column if number is not None] for column in columns)
     return messages.relative_error(*(_span(known) if known else "" for known in errors))
-
-
-def _known(column: Iterable[float | None]) -> list[float]:
-    return [number for number in column if number is not None]
 
 
 def _span(ratios: Sequence[float], digits: int = 2) -> str:

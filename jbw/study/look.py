@@ -239,7 +239,9 @@ def _read(
     if traits.is_controlled:
         return [_of_rows([row]) for test in tests for row in readings_of_points(test, gain)], None
     if traits.is_free:
-        return [one for test in tests for one in _of_decays(test)], None
+        # A decay is read in its band or at its strongest line.
+        decays = (read for test in tests for read in read_decays(test))
+        return [_of_reading(read) for read in decays if read is not None], None
     if traits.is_steady or traits.is_curve:
         return _of_harmonics(tests)
     if not traits.is_driven or traits.is_plain:
@@ -280,11 +282,6 @@ def _of_reading(read: ModeReading) -> RecordRead:
         for y, hz, zeta, hz_sd, zeta_sd in zip(*(x.tolist() for x in columns), strict=True)
     )
     return RecordRead(rows, table)
-
-
-def _of_decays(test: Test) -> Iterator[RecordRead]:
-    """Yield frequency and damping of each decay, measured in its band or at its strongest line."""
-    yield from (_of_reading(read) for read in read_decays(test) if read is not None)
 
 
 def _of_sweep(record: Record, test: Test) -> RecordRead | None:

@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Complex, Float, Key
 
-from jbw.identification.discrepancy import NOTHING
+from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.generator import generator
 from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
@@ -161,11 +161,7 @@ def _compared(
         model, scatter = np.real(envelope * carrier), noise
         if missed is not None and not missed.is_nothing:
             key_missed, since = jax.random.fold_in(key_noise, MISSED_KEY), time - 0.5 * seen_s
-            rates = omega_n * np.array([at.damping, at.frequency])
-            drifting = drifted(key_missed, envelope, since, rates)
-            model = recentred(np.real(drifting * carrier), np.median(model, axis=0))
-            # the rms of these errors in each period
-            size = np.median(np.abs(drifting), axis=0) / np.sqrt(2)
+            model, size = _with_discrepancy(key_missed, envelope, since, omega_n, at, carrier)
             scatter = np.hypot(noise, missed.share_of(test.kind, at) * size)
         measured, later = np.real(measured_envelope * carrier), time >= seen_s
         model_band = band(model)
@@ -217,6 +213,24 @@ def at_own_frequency(
         offset = np.sum(weight * time * np.angle(product)) / np.sum(weight * time**2)
         middle = middle * np.exp(1j * offset * time)
     return middle
+
+
+def _with_discrepancy(
+    key: Key[Array, ""],
+    envelope: Complex[np.ndarray, "draw time"],
+    time: Float[np.ndarray, " time"],
+    omega_n: float,
+    missed: AtAmplitude,
+    carrier: Complex[np.ndarray, " time"],
+) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " time"]]:
+    """Return decays with random errors of rate and frequency, and the errors' rms per period.
+
+    The decays are those of `drifted`, centred on the law's prediction.
+    """
+    rates = omega_n * np.array([missed.damping, missed.frequency])
+    law, drifting = np.real(envelope * carrier), drifted(key, envelope, time, rates)
+    size = np.median(np.abs(drifting), axis=0) / np.sqrt(2)
+    return recentred(np.real(drifting * carrier), np.median(law, axis=0)), size
 
 
 def drifted(
