@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from jbw.report import style
-from jbw.report.free_band import draw_free_band
-from jbw.report.measured_points import draw_points, measured_points
+from jbw.report.measured_points import draw_free_band, draw_points, measured_points
 from jbw.report.messages import figures as labels
 from jbw.report.records import short
 from jbw.report.result import (

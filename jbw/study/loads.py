@@ -33,7 +33,6 @@ from jbw.report.messages import loads as messages
 from jbw.units import FACTORS, factor_of
 from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
-from jbw.verification.withheld import is_withheld
 
 FEW = 4  # number of draws for a first estimate of the amplitude under a load
 # One harmonic is accurate to 1e-5 up to this ratio of the third harmonic to the first.
@@ -315,7 +314,7 @@ def prepared(
         load = replace(load, harmonics=_harmonics(few[0], y))
     missed = NOTHING if basis.discrepancy is None else basis.discrepancy.at(y_seen)
     members = members_of(basis, load, load.draws, missed)
-    withheld = is_withheld(basis, (y_seen,))
+    withheld = basis.withholds((y_seen,))
     warnings = (
         *messages.warnings_of(what, y_seen, reach, BEYOND, withheld=withheld),
         *_internal_resonances(few[0], y, what),

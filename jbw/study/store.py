@@ -287,8 +287,7 @@ def save_loads(
         posterior: SHA-256 of the file of the posterior that predicts; a run's report shows
             only predictions by its own posterior.
     """
-    from jbw.report.load_section import POSTERIOR
-    from jbw.report.loads import load_figure
+    from jbw.report.load_section import POSTERIOR, load_figure
 
     named = {f"/{safe(name)}": dataset.assign_attrs(load=name) for name, dataset in found.items()}
     tree = xr.DataTree.from_dict(named)

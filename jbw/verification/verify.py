@@ -27,15 +27,13 @@ from jbw.report.messages import discrepancy as withholding
 from jbw.report.messages import verification as messages
 from jbw.results.attributes import DrawnPosterior, PredictedTest
 from jbw.verification.backbone import amplitude_verification
-from jbw.verification.decays import verify_decays
+from jbw.verification.decays import first_mode_alone, modes_of_draws, verify_decays
 from jbw.verification.forced import verify_forced
 from jbw.verification.grade import LEAST_COVERAGE, LEAST_VALUES
-from jbw.verification.modal_decays import first_mode_alone, modes_of_draws
 from jbw.verification.places import place
-from jbw.verification.predicted import ALIKE, Source
+from jbw.verification.predicted import ALIKE, Source, without_band
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
-from jbw.verification.withheld import is_withheld, without_band
 
 # If the law's error is this many times that of a simpler oscillator, the oscillator is the better
 # model.
@@ -102,7 +100,7 @@ def _verify_free(
             marked = marked.assign_attrs(discrepancy=int(basis.misses))
             if basis.y_peak > 0:
                 marked = marked.assign_attrs(extrapolation=begins / basis.y_peak)
-            marked = without_band(marked) if is_withheld(basis, (begins,)) else marked
+            marked = without_band(marked) if basis.withholds((begins,)) else marked
         groups[place("verification/decay", name)] = marked
     curves = attempts.make(messages.DECAY_CURVES, against_amplitude, None)
     return groups if curves is None else {**groups, "/verification/amplitude": curves}

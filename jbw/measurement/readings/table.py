@@ -229,16 +229,7 @@ def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
     return np.geomspace(top, low, POINTS) if low < 0.9 * top else np.array([top])
 
 
-class _Rows(NamedTuple):
-    """Frequency [Hz] and damping ratio at several amplitudes, with their covariances."""
-
-    hz: Reals
-    zeta: Reals
-    hz_covariance: Square
-    zeta_covariance: Square
-
-
-def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> _Rows:
+def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> RecordTable:
     """Return frequency and damping at several amplitudes from the fit of one basis."""
     basis, fit, scale = BASES[name], fits.fits[name], fits.scale
     first = fits.FIRST
@@ -259,7 +250,8 @@ def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> _Rows:
         sigma = sigma * (1 - fits.signal.order * along)
     by_zeta = by_sigma / omega[:, None] - (sigma / omega**2)[:, None] * by_omega
     spread = covariance(fit, fits.weight)
-    return _Rows(
+    return RecordTable(
+        grid,
         np.hypot(sigma, omega) / (2 * np.pi),
         sigma / np.hypot(sigma, omega),
         by_omega @ spread @ by_omega.T / (2 * np.pi) ** 2,
@@ -267,7 +259,7 @@ def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> _Rows:
     )
 
 
-def _mean(rows: list[_Rows], weights: list[float]) -> _Rows:
+def _mean(rows: list[RecordTable], weights: list[float]) -> RecordTable:
     """Return the weighted mean of several fits' values; include the covariance between fits."""
 
     def mean(values: Sequence[Reals]) -> Reals:
@@ -277,13 +269,12 @@ def _mean(rows: list[_Rows], weights: list[float]) -> _Rows:
         between = np.stack(values) - mean(values)
         return mean(within) + (between.T * weights) @ between
 
-    hz, zeta, hz_within, zeta_within = zip(*rows, strict=True)
-    return _Rows(
-        mean(hz), mean(zeta), covariance_of(hz, hz_within), covariance_of(zeta, zeta_within)
-    )
+    (y, *_), hz, zeta, hz_within, zeta_within, _ = zip(*rows, strict=True)
+    covariances = covariance_of(hz, hz_within), covariance_of(zeta, zeta_within)
+    return RecordTable(y, mean(hz), mean(zeta), *covariances)
 
 
-def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Reals, Reals]:
+def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: RecordTable) -> tuple[Reals, Reals]:
     """Return errors caused by a residual in excess of noise, with a lower limit."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
@@ -296,7 +287,7 @@ def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Re
     )
 
 
-def _second_order(fits: DecayFits | SweepFits, rows: _Rows) -> tuple[Reals, Reals]:
+def _second_order(fits: DecayFits | SweepFits, rows: RecordTable) -> tuple[Reals, Reals]:
     """Return the error of first-order averaging that changes of frequency or damping cause."""
     hz, zeta = rows.hz, np.abs(rows.zeta)
     share = fits.SECOND_ORDER + float(zeta.max())
