@@ -54,6 +54,7 @@ from jbw.report.messages import look as messages
 from jbw.report.messages.look import NO_OSCILLATOR
 from jbw.report.messages.study import no_shaker
 from jbw.results.run import StoredCycle, StoredLook, StoredLoop, StoredReading
+from jbw.results.stored import finite
 from jbw.verification.places import place
 
 if TYPE_CHECKING:
@@ -339,16 +340,16 @@ def _row(name: str, test: Test, records: Sequence[RecordRead]) -> StoredReading:
     tops = [max(one.rows, key=lambda row: row.y) for one in records]
     columns = {key: np.array([getattr(row, key) for row in tops]) for key in Reading._fields}
     spread = {
-        key: _finite(np.hypot(np.std(columns[of], ddof=1) if len(tops) > 1 else 0.0,
+        key: finite(np.hypot(np.std(columns[of], ddof=1) if len(tops) > 1 else 0.0,
                               np.mean(columns[key])))
         for key, of in (("frequency_sd", "frequency_hz"), ("damping_sd", "damping"))
     }  # fmt: skip
-    means: dict[str, Any] = {key: _finite(np.mean(values)) for key, values in columns.items()}
+    means: dict[str, Any] = {key: finite(np.mean(values)) for key, values in columns.items()}
     return StoredReading(
         test=name,
         kind=test.kind,
         drive=drive_of(test),
-        level=_finite(test.level),
+        level=finite(test.level),
         records=len(test.records),
         run=test.run or None,
         assembly=test.assembly or None,
@@ -358,10 +359,6 @@ def _row(name: str, test: Test, records: Sequence[RecordRead]) -> StoredReading:
         noise=_scatter(test),
         coherence=_coherence(test),
     )
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _scatter(test: Test) -> float | None:
@@ -405,7 +402,7 @@ def _loop_row(test: Test) -> StoredLoop:
         unit=test.records[0].units.get("displacement", "m"),
         cycles=[
             StoredCycle.read(
-                {name: _finite(value) for name, value in cycle._asdict().items()}
+                {name: finite(value) for name, value in cycle._asdict().items()}
                 | {"repeated": cycle.repeated}
             )
             for cycle in cycles

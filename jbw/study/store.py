@@ -306,7 +306,9 @@ def save_loads(
     for name, dataset in found.items():
         for axis, text in csv_tables(dataset).items():
             suffix = "" if axis in ("freq", "level") else f"_{axis}"
-            numbers[f"{slugs[name]}{suffix}.csv"] = partial(_write_text, text)
+            numbers[f"{slugs[name]}{suffix}.csv"] = partial(
+                Path.write_text, data=text, encoding="utf-8"
+            )
     save_outputs(folder, numbers, {"figures": draw})
 
 
@@ -338,7 +340,3 @@ def _csv(columns: Mapping[str, np.ndarray]) -> str:
     rows = zip(*columns.values(), strict=True)
     lines = [",".join(columns), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
     return "\n".join(lines) + "\n"
-
-
-def _write_text(text: str, path: Path) -> None:
-    path.write_text(text, encoding="utf-8")
