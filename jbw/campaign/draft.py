@@ -205,7 +205,8 @@ def _tests(
         if len(torques) > 1 and (torque := _torque_of(repeats[0])):
             line = messages.assembly(toml(torque))
             file_blocks = [block.replace(CHANNELS, f"\n{line}{CHANNELS}") for block in file_blocks]
-        names += [_name_of(repeats[0], i, len(file_blocks)) for i in range(len(file_blocks))]
+        name, count = shared_name(repeats[0]), len(file_blocks)
+        names += [f"{name} {i}" if count > 1 else name for i in range(1, count + 1)]
         blocks += file_blocks
     if sum(map(bool, torques)) > 1:
         of_torques = [_pattern(repeats) for repeats in groups if _torque_of(repeats[0])]
@@ -283,11 +284,6 @@ def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> 
     if not one[0] < one[1] or all(band == one for band in bands.values()):
         return {}
     return dict.fromkeys(bands, one)
-
-
-def _name_of(path: Path, number: int, count: int) -> str:
-    """Return the name of a drafted test, made from the name of its file."""
-    return f"{shared_name(path)} {number + 1}" if count > 1 else shared_name(path)
 
 
 def shared_name(path: Path) -> str:

@@ -311,7 +311,7 @@ def prepared(
     if reach > BEYOND and basis.outward is not None:
         basis = basis.outward
     if load.harmonics is None:
-        load = replace(load, harmonics=_harmonics(few[0], y))
+        load = replace(load, harmonics=1 if _third(few[0], y) < ONE_HARMONIC else MANY)
     missed = NOTHING if basis.discrepancy is None else basis.discrepancy.at(y_seen)
     members = members_of(basis, load, load.draws, missed)
     withheld = basis.withholds((y_seen,))
@@ -363,11 +363,6 @@ def together(readied: Sequence[Prepared]) -> Prepared:
     first = readied[0]
     load = replace(first.load, harmonics=harmonics)
     return Prepared(first.members, reach, withheld, load, tuple(warnings))
-
-
-def _harmonics(member: Member, y: float) -> int:
-    """Return the number of odd harmonics for an amplitude [m]: 1 if the third is small, else 8."""
-    return 1 if _third(member, y) < ONE_HARMONIC else MANY
 
 
 def _third(member: Member, y: float) -> float:
