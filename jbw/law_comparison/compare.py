@@ -280,14 +280,17 @@ def _trials(
     campaign: Campaign, laws: Sequence[str | Sequence[str]] | None
 ) -> tuple[tuple[tuple[str, ...], ...], str]:
     """Return the sets of laws to compare (by default the usual ones), and a sentence on them."""
-    chosen = None if laws is None else _chosen(laws)
+    chosen = None
+    if laws is not None:
+        parted = (_parts(names) if isinstance(names, str) else tuple(names) for names in laws)
+        chosen = list(dict.fromkeys(parted))
+        for names in chosen:
+            laws_named(names)  # An unknown name raises an error.
     if campaign.joints is not None:
         return trials_at_joints(campaign.laws, chosen)
-    return tuple(_usual(campaign) if chosen is None else chosen), ""
-
-
-def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
-    """Return those usual laws that are registered, and the campaign's own laws."""
+    if chosen is not None:
+        return tuple(chosen), ""
+    # The usual laws that are registered are compared with the campaign's own laws.
     has_loops = any(test.traits.is_prescribed for test in campaign.tests)
     usual = [_parts(names) for names in (*USUAL, *(OF_LOOPS if has_loops else ()))]
     available = [
@@ -295,16 +298,7 @@ def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
         for names in usual
         if all(name in LAWS or name.rpartition("_")[0] in FAMILIES for name in names)
     ]
-    return list(dict.fromkeys([*available, campaign.laws]))
-
-
-def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
-    """Return the named sets of laws, each of them once."""
-    parted = (_parts(names) if isinstance(names, str) else tuple(names) for names in laws)
-    sets = list(dict.fromkeys(parted))
-    for names in sets:
-        laws_named(names)
-    return sets
+    return tuple(dict.fromkeys([*available, campaign.laws])), ""
 
 
 def _parts(name: str) -> tuple[str, ...]:
