@@ -241,7 +241,8 @@ def tied_sentences(joint_facts: StoredJoints) -> list[str]:
     tied = joint_facts.tied
     if tied is None:
         return []
-    joints = [joint for joint in joints_of(tied.laws) if _is_tied(joint, tied.laws)]
+    groups = [joints for _, joints in map(split, tied.laws) if len(joints) > 1]
+    joints = [joint for joint in joints_of(tied.laws) if any(joint in group for group in groups)]
     odds = _odds(abs(tied.log_evidence_ratio), at_least=tied.is_bound)
     if tied.answer == "tied":
         return [messages.one_law(joints, odds)]
@@ -251,10 +252,6 @@ def tied_sentences(joint_facts: StoredJoints) -> list[str]:
     weak = messages.weak_evidence(odds, preferred)
     reason = weak if tied.is_trusted else messages.rough_evidence(tied.khat)
     return [messages.law_not_told(joints, reason)]
-
-
-def _is_tied(joint: str, laws: Sequence[str]) -> bool:
-    return any(joint in joints and len(joints) > 1 for _, joints in map(split, laws))
 
 
 def _odds(nats: float, *, at_least: bool) -> str:

@@ -186,7 +186,10 @@ def _coverage(tests: Mapping[str, PredictedTest]) -> list[Finding]:
     }
     withheld = [name for name, test in tests.items() if test.withheld]
     if not shares:
-        return [_no_band(withheld)] if withheld else []
+        if not withheld:
+            return []
+        reason, action = withholding.bands_withheld(withheld), withholding.FIT_THAT_LEVEL
+        return [Finding("held_out_coverage", "not assessed", reason, float("nan"), action)]
     worst = min(shares, key=lambda name: shares[name])
     values = {"test": worst, "share": shares[worst], "limit": LEAST_COVERAGE}
     remedy = {"line": put("identify", "offsets", "runs")}
@@ -196,9 +199,3 @@ def _coverage(tests: Mapping[str, PredictedTest]) -> list[Finding]:
         sentence = withholding.bands_withheld(withheld)
         finding = amended(finding, finding.status, sentence, withholding.FIT_THAT_LEVEL)
     return [finding]
-
-
-def _no_band(names: Sequence[str]) -> Finding:
-    """Return the finding that coverage is not assessed, because no held-out test has a band."""
-    reason, action = withholding.bands_withheld(names), withholding.FIT_THAT_LEVEL
-    return Finding("held_out_coverage", "not assessed", reason, float("nan"), action)

@@ -179,8 +179,11 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
         top = fits.signal.rate[fits.signal.top]
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
         if fits.signal.is_force:
-            gain = _real_gain(complex(fits.fits[chosen].gains[0]))
-            gain *= fits.signal.unit / fits.signal.drive_unit
+            turned = complex(fits.fits[chosen].gains[0])
+            # A lag or an error of a clock turns the phase. Where it is over 31 degrees away from 0
+            # and from 180, the gain has no sign.
+            if abs(turned.imag) < MOST_TURNED * abs(turned.real):
+                gain = turned.real * fits.signal.unit / fits.signal.drive_unit
     size = float(np.linalg.norm(fits.signal.z))
     residual, linear_residual = (
         float(np.linalg.norm(fits.fits[name].residual)) / size for name in (chosen, "linear")
@@ -195,14 +198,6 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
         zeta_change=zeta_change, exponent=exponent,
         residual=residual, linear_residual=linear_residual, noise=fits.noise * unit, gain=gain,
     )  # fmt: skip
-
-
-def _real_gain(gain: complex) -> float:
-    """Return the real part of a gain; NaN if its phase is over 31 degrees away from 0 and from 180.
-
-    A lag or an error of a clock turns the phase, so that the gain has no sign.
-    """
-    return gain.real if abs(gain.imag) < MOST_TURNED * abs(gain.real) else np.nan
 
 
 def _evidence(fits: dict[str, ModeFit], count: float) -> dict[str, float]:
