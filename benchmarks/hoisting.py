@@ -90,7 +90,8 @@ def gradient(joint, u):
 
 def control(joint, u):
     """Run the time loop of `forward`, with a custom call in its step."""
-    steps = stepping(joint, held(u, "first", periodic=False), FS, 1)
+    source = held(u, "first", periodic=False)
+    steps = stepping(joint, FS, source.gain, source.pieces(1))
     rest = jnp.zeros(())
     return diffrax.diffeqsolve(
         diffrax.ODETerm(lambda tau, state, args: state),

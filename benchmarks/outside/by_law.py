@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from jbw.run.session import prepare_process
+
 from .plants import COMMON, Rng
 
 Row = dict[str, Any]
@@ -39,6 +41,7 @@ def judge_each(
     made.add_argument("--keep", type=Path, help="folder that keeps the files")
     made.add_argument("--out", type=Path, help="file of JSON lines that outcomes are appended to")
     chosen = made.parse_args(arguments)
+    prepare_process()  # with the cache of compiled code that commands have
     seed = secrets.randbits(48) if chosen.seed is None else chosen.seed
     print(f"Seed {seed}: add `--seed {seed}` to repeat.\n", flush=True)
     rows = []

@@ -56,7 +56,7 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
     driven = _driven_modes(reduced, tests)
     _require_bands(tests, reduced.frequencies_hz[driven])
     order = [*driven, *(i for i in range(reduced.omega.size) if i not in driven)]
-    points = tuple(dict.fromkeys(test.point for test in tests if test.point))
+    points = tuple(sorted({test.point for test in tests if test.point}))  # as in `seen_by`
     if len(points) > MOST_POINTS:
         raise ConfigError(
             f"[structure] points: tests may be measured at up to {MOST_POINTS} points in addition "

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from threading import Event, Lock
 from typing import Any
 
@@ -77,32 +78,39 @@ def at_points(
 
     The result's leaves are arrays with the points along a first axis. Each core takes the next lot
     of `lanes` points. Lots are independent, so the number of cores does not change any digit. A
-    function that is `solved_first` is solved first.
+    function that is `solved_first` is solved first, in lots of `LANES` points.
     """
     data = seen_by(function, data)
     count = len(next(iter(theta.values())))
-    padded = {name: np.pad(values, (0, -count % lanes), "edge") for name, values in theta.items()}
-    lots = [
-        {name: values[first : first + lanes] for name, values in padded.items()}
-        for first in range(0, count, lanes)
-    ]
-
     solver, given_up = getattr(function, "solver", None), _GIVEN_UP.get()
     cores = num_cores()
 
-    def values_of(lot: Mapping[str, np.ndarray]) -> Any:
+    def lots_of(size: int) -> list[dict[str, np.ndarray]]:
+        filled = {
+            name: np.pad(values, (0, -count % size), "edge") for name, values in theta.items()
+        }
+        return [
+            {name: values[first : first + size] for name, values in filled.items()}
+            for first in range(0, count, size)
+        ]
+
+    def values_of(lot: Mapping[str, np.ndarray], threads: int = 0) -> Any:
+        """Return the values of a lot; with `threads` those by the solver, or None."""
         if given_up is not None and given_up.is_set():
             raise CancelledError
-        solved = None if solver is None else solver(lot, data, max(cores // len(lots), 1))
-        theta = {name: jax.device_put(values) for name, values in lot.items()}
-        if solved is None:
-            return jax.tree.map(np.asarray, _values(function, theta, data))
-        return jax.tree.map(np.asarray, _rest(function, theta, *solved))
+        on_device = {name: jax.device_put(values) for name, values in lot.items()}
+        if not threads:
+            return jax.tree.map(np.asarray, _values(function, on_device, data))
+        solved = solver(lot, data, threads) if solver is not None else None
+        return solved and jax.tree.map(np.asarray, _rest(function, on_device, *solved))
 
-    with ThreadPoolExecutor(cores) as threads:  # The first batch compiles the program.
-        lot_values = list(threads.map(values_of, lots))
+    with ThreadPoolExecutor(cores) as pool:  # The first batch compiles the program.
+        full = lots_of(LANES)
+        rows = list(pool.map(partial(values_of, threads=max(cores // len(full), 1)), full))
+        if rows[0] is None:
+            rows = list(pool.map(values_of, lots_of(lanes)))
     evaluated.info("%d", count)
-    return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *lot_values)
+    return jax.tree.map(lambda *lots: np.concatenate(lots)[:count], *rows)
 
 
 @KeptProgram

@@ -18,7 +18,6 @@ from jaxtyping import Array, Bool, Complex, Float
 from numpy.lib.stride_tricks import sliding_window_view
 
 from jbw.inference.groups.offsets import Estimate
-from jbw.inference.lanes import FIT_LANES
 from jbw.kept_programs import KeptProgram
 from jbw.measurement.channels import rms
 from jbw.measurement.readings.statement import curve_of
@@ -323,7 +322,7 @@ def matched(theta: Theta, data: Decays) -> Match:
 
 def _decay_at(theta: Theta, data: Decays) -> Complex[np.ndarray, " step"]:
     """Return `decay_of` at one parameter point, by the programs that serve fits."""
-    point = {name: np.full(FIT_LANES, float(value)) for name, value in theta.items()}
+    point = {name: np.full(LANES, float(value)) for name, value in theta.items()}
     return decays_at(point, data)[0]
 
 
@@ -336,25 +335,26 @@ class Beginning(NamedTuple):
     """The initial state of a record, estimated from its start alone, with its covariance.
 
     The covariance is of log amplitude, phase and shift; `rate` is the change of the log amplitude
-    by the place.
+    by the place. Each row belongs to another simulated decay.
     """
 
     entry: Entry
-    covariance: Float[Any, "own own"]
-    rate: Float[Any, ""]
+    covariance: Float[np.ndarray, "*decay own own"]
+    rate: Float[np.ndarray, "*decay"]
 
-    def moved(self, change: Float[Any, " own"]) -> Entry:
+    def moved(self, change: Float[np.ndarray, "*decay own"]) -> Entry:
         """Return the initial state after changes of log amplitude, phase and frequency shift."""
+        of_size, of_phase, of_shift = np.moveaxis(change, -1, 0)
         place, phase, shift = self.entry
-        return Entry(place + change[0] / self.rate, phase + change[1], shift + change[2])
+        return Entry(place + of_size / self.rate, phase + of_phase, shift + of_shift)
 
 
 def begun(
-    decay: Complex[Any, " step"],
-    envelope: Complex[Any, " value"],
-    noise_std: Float[Any, ""],
+    decay: Complex[np.ndarray, "*decay step"],
+    envelope: Complex[np.ndarray, " value"],
+    noise_std: float,
     data: Decays,
-    law_std: float | Float[Any, ""] = 0.0,
+    law_std: float = 0.0,
 ) -> Beginning:
     r"""Estimate the initial state and the frequency shift of a record from its start alone.
 
@@ -364,32 +364,27 @@ def begun(
     continuous.
 
     Args:
-        decay: Logarithm of the joint's decay at every step.
+        decay: Logarithm of the joint's decay at every step, for one decay or for many.
         envelope: The beginning of the record.
         noise_std: Noise of the real part, and of the imaginary part.
         data: The decays, with the scatter S of shifts.
         law_std: Standard deviation tau of the law's frequency error [rad/s].
     """
-    best_match = match(decay, envelope, data.step_s)
+    found = match(decay, envelope, data.step_s)
     # A short section hardly determines the noise, so the noise of the fitted records is used.
-    xp = namespace(decay)
-    fraction, shift_std = xp.asarray(data.fraction), xp.asarray(data.shift_std)
-    precision = best_match.precision * fraction / noise_std**2
+    precision = found.precision * (float(data.fraction) / noise_std**2)
     # If the section is too short to determine the shift, the shift's prior determines it.
-    variance = shift_std**2 + law_std**2
-    both = xp.linalg.inv(precision + xp.diag(np.array([0.0, 0.0, 1.0])) / variance)
-    total = best_match.entry.shift * (1 - both[2, 2] / variance)
-    centre = -both[:, 2] * best_match.entry.shift / variance
-    share, length_s = shift_std**2 / variance, data.step_s * len(envelope)
-    kept = xp.array([[1.0, 0.0, 0.0], [0.0, 1.0, (1 - share) * length_s], [0.0, 0.0, share]])
+    shift_variance = float(data.shift_std) ** 2
+    variance = shift_variance + law_std**2
+    both = np.linalg.inv(precision + np.diag([0.0, 0.0, 1.0 / variance]))
+    total = found.entry.shift * (1 - both[..., 2, 2] / variance)
+    centre = -both[..., 2] * (found.entry.shift / variance)[..., None]
+    share, length_s = shift_variance / variance, float(data.step_s) * len(envelope)
+    kept = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, (1 - share) * length_s], [0.0, 0.0, share]])
     own = np.array([0.0, -length_s, 1.0])
-    covariance = kept @ both @ kept.T + shift_std**2 * (1 - share) * np.outer(own, own)
-    change = centre - (1 - share) * total * own
-    return Beginning(
-        Beginning(best_match.entry, covariance, best_match.rate).moved(change),
-        covariance,
-        best_match.rate,
-    )
+    covariance = kept @ both @ kept.T + shift_variance * (1 - share) * np.outer(own, own)
+    beginning = Beginning(found.entry, covariance, found.rate)
+    return beginning._replace(entry=beginning.moved(centre - (1 - share) * total[..., None] * own))
 
 
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
@@ -413,7 +408,7 @@ def drift_from_beginning(theta: Theta, data: Decays, run: str) -> LeftOutDecay:
     others = np.delete(noise, record)
     usual = float(np.median(others)) if len(others) else float(noise[record])
     noise_std = max(usual, np.sqrt(white_square(own) / 2))
-    beginning = begun(decay, measured[:size], np.array(noise_std), data)
+    beginning = begun(decay, measured[:size], float(noise_std), data)
     steps = np.arange(len(measured), dtype=float)
     expected, _ = follow(decay, beginning.entry, steps, data.step_s)
     error, _, shift_error = np.sqrt(np.diag(beginning.covariance)).tolist()

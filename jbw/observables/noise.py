@@ -6,20 +6,28 @@ independent, with the scatter S of the repeats about it.
 
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from functools import partial
 
-import equinox as eqx
-import jax
 import numpy as np
 from jaxtyping import Array, Float, Key
 
 from jbw.inference.generator import generator
+from jbw.inference.lanes import at_points, seeing, solved_first
 from jbw.observables import groups as table
-from jbw.observables.dataset import Dataset, as_arrays, measured_parts, residual_by_label, sizes_of
+from jbw.observables.dataset import (
+    Dataset,
+    as_arrays,
+    measured_parts,
+    residual_by_label,
+    sizes_of,
+    solved,
+    unnamed,
+)
 from jbw.observables.drives import of_drive
 from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.groups import Covariance, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
-from jbw.observables.observable import Observable, Theta, alone
+from jbw.observables.observable import Observable, Theta
 
 SILENT = 1e-12  # factor by which the number of values of an ignored data group is multiplied
 
@@ -161,10 +169,10 @@ def squares_at(theta: Drawn, part: Observable) -> Float[np.ndarray, "... group"]
     """Return each data group's sum of squared residuals at every draw of the parameters."""
     shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
     points = {name: np.ravel(np.broadcast_to(values, shape)) for name, values in theta.items()}
-    squares = _squares_at(jax.device_put(points), alone(part))
-    return np.asarray(squares).reshape(*shape, -1)
+    return at_points(_squares, points, Dataset.of([part])).reshape(*shape, -1)
 
 
-@eqx.filter_jit
-def _squares_at(theta: Theta, part: Observable) -> Float[Array, "draw group"]:
-    return jax.lax.map(lambda drawn: part.residual_sums(drawn)[0], dict(theta), batch_size=8)
+@seeing(unnamed)
+@solved_first(partial(solved, writes=False))
+def _squares(theta: Theta, data: Dataset) -> Float[Array, " group"]:
+    return data.parts[0].residual_sums(theta)[0]

@@ -32,12 +32,15 @@ from jbw.observables.samples import (
     joints_at,
     lines_of,
     loudest_hz,
+    models_at,
+    response_of_terms,
     response_to,
     substeps_for,
     values_of,
 )
 from jbw.oscillator.batch import (
     MeasuredResponse,
+    Model,
     Motions,
     compile_ahead,
     filled_up,
@@ -46,10 +49,12 @@ from jbw.oscillator.batch import (
 )
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.hold import HeldInput
+from jbw.oscillator.law import laws_in
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.laws.reversals import SIZE
 from jbw.oscillator.modes.parameters import has_further_modes
-from jbw.oscillator.oscillator import Oscillator, oscillator_of
+from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.residual_sums import Compared, Sums, residual_sums
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 from jbw.report.messages import observed as messages
@@ -199,7 +204,7 @@ class Records(Observable):
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
         """Predict the response of each level to its mean input, including the run's offsets."""
         if self.solution is not None and self.solution.response is not None:
-            return self.solution.response
+            return self.solution.response + self._of_terms(theta)
         several = any(self.points)
 
         def one(level: tuple[HeldInput, Array]) -> Float[Array, "*point compared"]:
@@ -227,6 +232,14 @@ class Records(Observable):
         points = ("", *self.modes.points)
         where = [motions.index(m) for m in self.moved], [points.index(p) for p in self.points]
         return rows[tuple(map(np.array, where))]
+
+    def _of_terms(self, theta: Theta) -> Float[Array, "level compared"] | float:
+        """Return the response of residual terms to each level's input; 0 without any."""
+        if not taken(theta, self.residuals):
+            return 0.0
+        how = {"response": self.response, "residuals": self.residuals}
+        terms = jax.vmap(lambda source: response_of_terms(theta, source, self.fs, **how))(self.held)
+        return terms[:, self.skipped :]
 
     def compared(self, values: Array) -> Float[Array, "level value"]:
         """Return responses as real numbers: samples or, in a band, the lines of their spectra."""
@@ -263,7 +276,8 @@ class Records(Observable):
                 hidden = self._hidden(solution.peak)
                 return jnp.where(hidden, jnp.nan, solution.square), solution.along
         rows = groups.directions if rows is None else rows
-        if solution is not None or not self._summed(theta) or rows.shape[1] > MOST_ROWS:
+        is_summed = solution is None and self._is_summed(theta) and not has_further_modes(theta)
+        if not is_summed or rows.shape[1] > MOST_ROWS:
             return super().residual_sums(theta, rows, offset)
         offset_from_origin = self._from_origin(theta, offset)
 
@@ -325,13 +339,12 @@ class Records(Observable):
     ) -> Self | None:
         """Return the records with predictions computed in advance at parameter points, or None.
 
-        It cannot be used for several modes, residual terms or periodic motion, nor for laws that
-        the exact step does not support. The number of solver steps, which no longer matters, is
-        reset.
+        It cannot be used for periodic motion, nor for laws that the exact step does not support.
+        The number of solver steps, which no longer matters, is reset.
         """
-        if (joints := self._joints_of_levels(theta, range(len(self.groups.labels)))) is None:
+        if (models := self._models_of_levels(theta, range(len(self.groups.labels)))) is None:
             return None
-        writes = writes or not self._summed(theta)
+        writes = writes or not self._is_summed(theta)
         away = np.zeros((len(self.groups.labels), len(theta["gain"]), 0))
         if self.groups.origin.shape[1]:
             here = np.stack([theta[name] for name in OFFSETS], axis=-1)
@@ -340,7 +353,7 @@ class Records(Observable):
         def level(number: int) -> Motions:
             own = None if rows is None or writes else rows[number]
             return self.marched(
-                theta, number, joints[number], known=away[number], rows=own, writes=writes
+                theta, number, models[number], known=away[number], rows=own, writes=writes
             )
 
         with ThreadPoolExecutor(threads) as pool:
@@ -365,7 +378,7 @@ class Records(Observable):
         self,
         theta: Mapping[str, Float[np.ndarray, " point"]],
         number: int,
-        joints: Oscillator | None = None,
+        models: Model | None = None,
         *,
         known: Float[np.ndarray, "point own"] | None = None,
         rows: Float[np.ndarray, "row value"] | None = None,
@@ -373,21 +386,22 @@ class Records(Observable):
     ) -> Motions:
         """Simulate one level at many parameter points, with omega_n and zeta of its run.
 
-        Products with rows of compared values are included. If `joints` are given, they are not
-        built again.
+        Products with rows of compared values are included. If `models` are given, they are not
+        built again. Residual terms are not included.
         """
-        joints = self._joints_at(theta, number) if joints is None else joints
-        if joints is None:
+        if models is None and (found := self._models_of_levels(theta, [number])) is not None:
+            (models,) = found
+        if models is None:
             raise TypeError(
-                "Records that are periodic, of several points or of an unsuitable law cannot be "
-                "simulated as a batch: simulate one parameter point at a time."
+                "Records that are periodic or of an unsuitable law cannot be simulated as a batch: "
+                "simulate one parameter point at a time."
             )
         measured = None  # If spectral lines of a band are compared, samples are not.
         if self.lines is None:
             measured = MeasuredResponse(self.mean, self.groups.directions, self.skipped)
         record = record_of(self.held, number, measured)
         return march(
-            joints,
+            models,
             theta["gain"] * float(np.asarray(self.held.gain)[number]),
             record._replace(rows=_behind(rows, self.skipped)),
             self.fs, self.substeps, derivative_order(self.response), known=known, writes=writes,
@@ -395,20 +409,16 @@ class Records(Observable):
 
     def is_marched(self, theta: Mapping[str, Float[np.ndarray, " point"]]) -> bool:
         """Return whether the batch solver can simulate these records."""
-        return self._joints_at(theta, 0) is not None
+        return self._models_of_levels(theta, [0]) is not None
 
-    def _joints_at(
-        self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
-    ) -> Oscillator | None:
-        """Return one level's oscillators at parameter points; None if they do not suit a batch."""
-        joints = self._joints_of_levels(theta, [number])
-        return None if joints is None else joints[0]
-
-    def _joints_of_levels(
+    def _models_of_levels(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
-    ) -> list[Oscillator] | None:
-        """Return several levels' oscillators at parameter points; repeats fill the batch."""
-        if self.held.periodic or any(self.points):
+    ) -> list[Model] | None:
+        """Return several levels' models at parameter points, repeated to fill the batch, or None.
+
+        None is returned if the batch solver does not suit the models.
+        """
+        if self.held.periodic:
             return None
         count, origin = len(numbers), np.asarray(self.groups.origin)[list(numbers)]
         every = {name: np.tile(values, count) for name, values in filled_up(dict(theta)).items()}
@@ -418,11 +428,21 @@ class Records(Observable):
             # `origin` has no columns if runs have no offsets.
             for name, values in zip(OFFSETS, origin.T, strict=False)
         }
-        joints = joints_at(every, self.laws, residuals=self.residuals, depth=self.depth)
-        if joints is None or (self.depth is None and any(law.depth for law in joints.laws)):
+        models = models_at(every, self.laws, depth=self.depth)
+        if models is None or (self.depth is None and any(x.depth for x in laws_in(models.laws))):
             return None
-        rows = jax.tree.map(lambda x: np.asarray(x).reshape(count, lanes, *x.shape[1:]), joints)
-        return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
+        rows = jax.tree.map(lambda x: np.asarray(x).reshape(count, lanes, *x.shape[1:]), models)
+        of_levels = [jax.tree.map(lambda x, i=i: x[i], rows) for i in range(count)]
+        pairs = zip(numbers, of_levels, strict=True)
+        return [self._seen_at_point(number, model) for number, model in pairs]
+
+    def _seen_at_point(self, number: int, model: Model) -> Model:
+        """Return a structure with the first point and the level's point as its outputs."""
+        if not isinstance(model, Structure):
+            return model
+        point = self.points[number] if self.points else ""
+        row = 1 + self.modes.points.index(point) if point else 0
+        return replace(model, c=np.asarray(model.c)[:, [0, row]])
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
         """Return a mask of levels whose predicted response far exceeds the measured response."""
@@ -430,15 +450,10 @@ class Records(Observable):
         size = jnp.max(jnp.abs(self.mean), axis=1)
         return (size > 0) & (peak > ABSURD * size)
 
-    def _summed(self, theta: Mapping[str, Any]) -> bool:
-        """Return whether the time loop can sum the residual (time samples, one mode, from rest)."""
+    def _is_summed(self, theta: Mapping[str, Any]) -> bool:
+        """Return whether the time loop can sum the residual: of time samples, from rest."""
         plain = not (self.held.periodic or self.groups.is_complex or any(self.points))
-        return (
-            plain
-            and not self.groups.spanned.shape[1]
-            and not taken(theta, self.residuals)
-            and not has_further_modes(theta)
-        )
+        return plain and not self.groups.spanned.shape[1] and not taken(theta, self.residuals)
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
         r"""Return sums of squares of repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""

@@ -14,15 +14,17 @@ from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.batch import filled_up
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.hold import HeldInput, held, namespace
+from jbw.oscillator.law import laws_in
 from jbw.oscillator.modes.parameters import (
     at_points,
     gain_ratios,
     has_further_modes,
+    modal_structure_of,
     model_of,
     modes_apart,
     seen_by_points,
 )
-from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.modes.structure import Structure, by_joint
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate, simulate_apart
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF
@@ -93,28 +95,42 @@ def band_limited(
 
 
 @eqx.filter_jit
-def _joints(
-    theta: Mapping[str, Float[Array, " point"]], laws: tuple[str, ...], depth: int | None
-) -> Oscillator:
-    return jax.vmap(lambda point: with_depth(oscillator_of(point, laws), depth))(dict(theta))
+def _models(
+    theta: Mapping[str, Array], laws: tuple[str, ...], depth: int | None
+) -> Oscillator | Structure:
+    def model(point: Mapping[str, Array]) -> Oscillator | Structure:
+        if not has_further_modes(point):
+            return with_depth(oscillator_of(point, laws), depth)
+        structure = at_points(point, modal_structure_of(point, laws))
+        return with_depth(by_joint(structure), depth)
+
+    return jax.vmap(model)(dict(theta))
 
 
-def joints_at(
+def models_at(
     theta: Mapping[str, Float[np.ndarray, " point"]],
     laws: tuple[str, ...],
     *,
-    residuals: str = "none",
     depth: int | None = None,
-) -> Oscillator | None:
-    """Return oscillators at many parameter points, repeated to fill a batch of the solver.
+) -> Oscillator | Structure | None:
+    """Return the models at many parameter points, repeated to fill a batch of the solver.
 
-    Their laws remember `depth` reversals. None is returned if theta has several modes or residual
-    terms, or if a law needs a stock solver.
+    They are oscillators, or structures with an axis of joints and one output per measured point.
+    Their laws remember `depth` reversals. None is returned if a law needs a stock solver.
     """
-    if has_further_modes(theta) or taken(theta, residuals):
+    models = _models(jax.device_put(filled_up(dict(theta))), laws, depth)
+    several = isinstance(models, Structure)
+    suited = (law.stepped and not (several and law.feels_rate) for law in laws_in(models.laws))
+    return models if all(suited) else None
+
+
+def joints_at(
+    theta: Mapping[str, Float[np.ndarray, " point"]], laws: tuple[str, ...]
+) -> Oscillator | None:
+    """Return oscillators at many parameter points as `models_at` does; None for several modes."""
+    if has_further_modes(theta):
         return None
-    joints = _joints(jax.device_put(filled_up(dict(theta))), laws, depth)
-    return joints if all(law.stepped for law in joints.laws) else None
+    return models_at(theta, laws)  # pyright: ignore[reportReturnType]
 
 
 def motion_under(
@@ -178,7 +194,14 @@ def response_of(
 ) -> Float[Array, "*point time"]:
     """Return a sensor's response to a given motion under an input, including residual terms."""
     sensed = getattr(motion, LETTER_OF[response])
+    return sensed + response_of_terms(theta, source, fs, response=response, residuals=residuals)
+
+
+def response_of_terms(
+    theta: Mapping[str, Array], source: HeldInput, fs: float, *, response: str, residuals: str
+) -> Any:  # Float[Array, " time"] | float
+    """Return the response of those residual terms in theta that a test includes; 0 without any."""
     if not (terms := taken(theta, residuals)):
-        return sensed
+        return 0.0
     added = added_response(terms, source.samples, fs, response=response, periodic=source.periodic)
-    return sensed + theta["gain"] * added
+    return theta["gain"] * added

@@ -1,4 +1,6 @@
-r"""Simulation of many oscillators at once under the same record, by one compiled program.
+r"""Simulation of many models at once under the same record, by one compiled program.
+
+A model is an oscillator, or a structure of several modes and joints.
 
 A record is marched in pieces with a limited number of sample intervals. The march starts at rest,
 and the state is carried from each piece to the next. The number of intervals, the sampling rate and
@@ -24,20 +26,27 @@ from jaxtyping import Array, Float, PyTree
 from jbw.kept_programs import KeptProgram, returned
 from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.law import packed, unpacked
+from jbw.oscillator.modes.response import output_of
+from jbw.oscillator.modes.step import ModalState, ModalStepping, modal_stepping
+from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.rare import unshared
 from jbw.oscillator.residual_sums import response_of
-from jbw.oscillator.solver import Stepping
-from jbw.oscillator.step import State, advance, exact_step
+from jbw.oscillator.solver import Stepping, stepping
+from jbw.oscillator.step import State
 
-LANES = 32  # number of oscillators in a batch; a smaller batch takes as long as a full one
+LANES = 32  # number of models in a batch; a smaller batch takes as long as a full one
 INTERVALS = 4096  # sample intervals per piece of a record, few enough for the cache
 # A batch fills the processor's widest registers; XLA's own choice is half as wide.
 WIDE = {"xla_cpu_prefer_vector_width": 512}
 # number of directions on which a residual is projected; missing ones are filled with zeros
 NUM_DIRECTIONS = 2
 NUM_POWERS = 6  # number of coefficients of a band-limited input's polynomials
+
+# A structure has one row per joint in `h`, and two outputs in `c`: the displacement whose peak is
+# wanted, and the measured output.
+Model = Oscillator | Structure
 
 
 class MeasuredResponse(NamedTuple):
@@ -55,7 +64,7 @@ class MeasuredResponse(NamedTuple):
 
 
 class Motions(NamedTuple):
-    """The simulated motion of all oscillators: responses, peaks, sums over the compared samples.
+    """The simulated motion of all models: responses, peaks, sums over the compared samples.
 
     Attributes:
         response: Displacement [m], velocity [m/s] or acceleration [m/s^2] at the samples; None if
@@ -95,9 +104,9 @@ class _Piece(NamedTuple):
 
 
 class _Lanes(NamedTuple):
-    """The values that differ between the oscillators of a batch: joint, input gain, and all a_k."""
+    """The values that differ between the models of a batch: model, input gain, and all a_k."""
 
-    joints: Oscillator
+    models: Model
     gain: Float[Any, " lane"]  # gain of the input
     # coefficients a_k of the rows J_k that are subtracted from the residual
     parts: Float[Any, "lane direction"]
@@ -128,7 +137,7 @@ class MarchedRecord(NamedTuple):
 
 
 def march(
-    joints: Oscillator,
+    models: Model,
     gains: Float[np.ndarray, " lane"],
     record: MarchedRecord,
     fs: float,
@@ -138,13 +147,13 @@ def march(
     known: Float[np.ndarray, "lane direction"] | None = None,
     writes: bool = True,
 ) -> Motions:
-    """Return the motion of many oscillators under one sampled input, from rest or released.
+    """Return the motion of many models under one sampled input, from rest or released.
 
     Args:
-        joints: The oscillators, at most `LANES` along the first axis of every leaf; the exact step
-            must support their laws.
-        gains: Gain of the input for each oscillator.
-        record: The input, and the measured response to compare with.
+        models: The models, at most `LANES` along the first axis of every leaf; the exact step must
+            support their laws.
+        gains: Gain of the input for each model.
+        record: The input, and the measured response to compare with; a structure starts at rest.
         fs: Sampling rate [Hz].
         substeps: Steps between samples.
         order: Derivative that is returned: 0 displacement, 1 velocity, 2 acceleration.
@@ -152,15 +161,15 @@ def march(
         writes: Whether to return the responses in addition to the sums.
     """
     count = len(gains)
-    joints, gain = filled_up((joints, gains))
+    models, gain = filled_up((models, gains))
     parts = np.zeros((LANES, NUM_DIRECTIONS))
     if known is not None:
         parts[:count, : known.shape[1]] = known
-    lanes = jax.device_put(_Lanes(joints, gain, parts))
+    lanes = jax.device_put(_Lanes(models, gain, parts))
     if record.y_peak is None:
-        state = _at_rest(lanes.joints)
+        state = _at_rest(lanes.models)
     else:
-        state = _at_tips(lanes.joints, jax.device_put(np.float64(record.y_peak)))
+        state = _at_tips(lanes.models, jax.device_put(np.float64(record.y_peak)))
     totals = jax.device_put(_none())
     written_rows, rows = [], record.rows
     products = np.zeros((count, 0 if rows is None else len(rows)))
@@ -187,19 +196,19 @@ def march(
     return Motions(whole, y_peak, square, along, peak, None if rows is None else products)
 
 
-def compile_ahead(joints: Oscillator, order: int) -> None:
+def compile_ahead(models: Model, order: int) -> None:
     """Compile the simulation of these laws, or wait for its compilation, without a record.
 
     Args:
-        joints: Oscillators with these laws and any parameters.
+        models: Models with these laws and any parameters.
         order: Measured derivative.
     """
-    joints, piece = filled_up(joints), _silent_piece()
+    models, piece = filled_up(models), _silent_piece()
     none = np.int32(0)
-    lanes = _Lanes(joints, np.zeros(LANES), np.zeros((LANES, NUM_DIRECTIONS)))
+    lanes = _Lanes(models, np.zeros(LANES), np.zeros((LANES, NUM_DIRECTIONS)))
     steps = _Span(np.float64(1.0), np.int32(1), none, none, np.bool_(False))
     lanes, steps, totals = jax.device_put((lanes, steps, _none()))
-    _marched(order, lanes, piece, steps, _at_rest(lanes.joints), totals)
+    _marched(order, lanes, piece, steps, _at_rest(lanes.models), totals)
 
 
 def filled_up(values: PyTree) -> PyTree:
@@ -227,15 +236,17 @@ def _silent_piece() -> _Piece:
 
 
 @KeptProgram
-def _at_rest(joints: Oscillator) -> State:
-    """Return all oscillators at rest, as arrays of states for the time loop."""
+def _at_rest(models: Model) -> State | ModalState:
+    """Return all models at rest, as arrays of states for the time loop."""
 
-    def rest(joint: Oscillator) -> State:
+    def rest(model: Model) -> State | ModalState:
         none = jnp.zeros(())
-        memory = jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_rest())
-        return packed(joint.laws, (none, none, memory))
+        if isinstance(model, Structure):
+            none = (none,) * len(model.omega_n)  # pyright: ignore[reportArgumentType]
+        memory = jax.tree.map(lambda x: jnp.asarray(x, float), model.at_rest())
+        return packed(model.laws, (none, none, memory))
 
-    return jax.vmap(rest, axis_size=LANES)(joints)
+    return jax.vmap(rest, axis_size=LANES)(models)
 
 
 @KeptProgram
@@ -336,28 +347,28 @@ _CACHE = _Cache()
 
 @partial(KeptProgram, options=WIDE)
 def _marched(
-    order: int, lanes: _Lanes, piece: _Piece, steps: _Span, state: State, totals: _Totals
-) -> tuple[State, _Totals, Float[Array, "sample lane"]]:
+    order: int, lanes: _Lanes, piece: _Piece, steps: _Span, state: Any, totals: _Totals
+) -> tuple[Any, _Totals, Float[Array, "sample lane"]]:
     """Advance the states through a piece of the record, and add the piece's samples to the sums."""
-    joints, gain, parts = lanes
+    models, gain, parts = lanes
     fs, substeps, num_steps, first, begins = steps
     part = 1.0 / substeps
+    unused = (jnp.zeros(0),) * piece.polynomials.shape[1]
 
-    def constants(joint: Oscillator, gain: Array) -> Stepping:
-        step, *moments = exact_step(joint, part / fs)
-        count = piece.polynomials.shape[1]
-        on_y, on_v = (tuple(gain * moment[j] for j in range(count)) for moment in moments)
-        return Stepping(step, on_y, on_v, gain, ())
+    def stepping_of(model: Model, gain: Array) -> Stepping | ModalStepping:
+        if isinstance(model, Structure):
+            return modal_stepping(model, fs * substeps, gain, unused)
+        return stepping(model, fs * substeps, gain, unused)
 
-    stepping = jax.vmap(constants)(joints, gain)
+    steppings = jax.vmap(stepping_of)(models, gain)
 
-    def seen(state: State, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
+    def seen(state: Any, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
         """Return the sums, updated if the sample is compared, and the response at the sample."""
         row, counts = piece.measured[sample], ends & (sample >= first)
 
-        def of_lane(joint, gain, parts, state, totals):
-            full = unpacked(joint.laws, state)
-            response = response_of(joint, order, full, gain * piece.samples[sample])
+        def of_lane(model, gain, parts, state, totals):
+            full = unpacked(model.laws, state)
+            response, y = _response_of(model, order, full, gain * piece.samples[sample])
             residual = row[0] - response
             for k in range(NUM_DIRECTIONS):
                 residual = residual - parts[k] * row[1 + k]
@@ -367,11 +378,11 @@ def _marched(
                 totals.square + residual * residual,
                 tuple(x + row[1 + k] * residual for k, x in enumerate(totals.along)),
                 jnp.maximum(totals.peak, size),
-                jnp.maximum(totals.y_peak, jnp.where(ends, jnp.abs(state[0]), 0.0)),
+                jnp.maximum(totals.y_peak, jnp.where(ends, jnp.abs(y), 0.0)),
             )
             return added, response
 
-        return jax.vmap(of_lane)(joints, gain, parts, state, totals)
+        return jax.vmap(of_lane)(models, gain, parts, state, totals)
 
     def onward(step: Array, carry: Any) -> Any:
         state, totals, written = carry
@@ -379,12 +390,8 @@ def _marched(
         powers = _moved(
             tuple(piece.polynomials[interval]), (step - interval * substeps) * part, part
         )
-
-        def of_lane(stepping: Stepping, state: State) -> State:
-            return advance(stepping.step, state, stepping.push(powers), kinks="met")
-
         with unshared():  # all arguments are NumPy arrays on one device
-            state = jax.vmap(of_lane)(stepping, state)
+            state = jax.vmap(lambda one, state: one.onward(state, powers))(steppings, state)
         sample = interval + 1
         totals, response = seen(state, totals, sample, step + 1 == sample * substeps)
         # Every step of an interval writes into this row, so that the last one remains.
@@ -394,6 +401,14 @@ def _marched(
     totals, response = seen(state, totals, none, begins)
     written = _written(jnp.zeros((INTERVALS + 1, LANES)), response, none)
     return jax.lax.fori_loop(0, num_steps, onward, (state, totals, written))
+
+
+def _response_of(model: Model, order: int, state: Any, u: Array) -> tuple[Any, Any]:
+    """Return a model's response and displacement in a state of the motion."""
+    if not isinstance(model, Structure):
+        return response_of(model, order, state, u), state[0]
+    shown, measured = model.c  # pyright: ignore[reportGeneralTypeIssues]
+    return output_of(model, measured, order, state, u), output_of(model, shown, 0, state, u)
 
 
 def _written(rows: Array, row: Array, place: Array) -> Array:

@@ -74,7 +74,7 @@ def residual_sums(
     Returns:
         The sums; up to rounding those of the response of `jbw.simulate`.
     """
-    steps = stepping(joint, source, fs, substeps)
+    steps = stepping(joint, fs * substeps, source.gain, source.pieces(substeps))
     return _sums(substeps, (steps, joint, source.u, compared))
 
 

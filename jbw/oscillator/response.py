@@ -256,7 +256,7 @@ def _simulate(
     else:
         u_sampled = u.u
         if options.solver is None and _is_stepped(joint):
-            steps = stepping(joint, u, fs, options.substeps)
+            steps = stepping(joint, fs * options.substeps, u.gain, u.pieces(options.substeps))
             trajectory_from = partial(solve, options.substeps, steps)
         else:
             trajectory_from = partial(_stock, options, joint, partial(sampled_input, u), fs)

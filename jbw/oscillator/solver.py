@@ -60,6 +60,10 @@ class Stepping(eqx.Module):
         )
         return (on_y, on_v, start, *([self.gain * added(powers)] if self._is_damped else []))
 
+    def onward(self, state: State, powers: tuple[Scalar, ...]) -> State:
+        """Return the state after a substep, from the input's polynomial in the substep."""
+        return advance(self.step, state, self.push(powers), kinks="met")
+
     def pushed(self) -> Pushed:
         """Return the constants of a step, and the effect of the input in all substeps at once."""
         count = len(self.pieces)
@@ -75,15 +79,13 @@ class Stepping(eqx.Module):
         return any(law.feels_rate for law in self.step.laws)
 
 
-def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int) -> Stepping:
-    """Return the constants of the step, with moments and coefficients of the input."""
-    step, moments_y, moments_v = exact_step(oscillator, 1.0 / (fs * substeps))
-    pieces = held.pieces(substeps)
-    on_y, on_v = (
-        tuple(held.gain * moments[j] for j in range(len(pieces)))
-        for moments in (moments_y, moments_v)
-    )
-    return Stepping(step, on_y, on_v, held.gain, pieces)
+def stepping(
+    oscillator: Oscillator, rate: Scalar, gain: Scalar, pieces: tuple[Any, ...]
+) -> Stepping:
+    """Return the steps of an oscillator, from steps per second and the input's gain and pieces."""
+    step, *both = exact_step(oscillator, 1.0 / rate)
+    on_y, on_v = (tuple(gain * moments[j] for j in range(len(pieces))) for moments in both)
+    return Stepping(step, on_y, on_v, gain, pieces)
 
 
 def sampled_input(held: HeldInput, tau: Scalar) -> Scalar:
@@ -137,12 +139,12 @@ class HysteresisExact(diffrax.AbstractSolver):
     def step(self, terms, t0, t1, y0, args: Stepping, *progress):
         """Advance by one substep; diffrax expects the other returned values."""
         substep, _ = progress
-        push = args.push(tuple(piece[substep] for piece in args.pieces))
+        powers = tuple(piece[substep] for piece in args.pieces)
         # The state is a flat tuple, because springs have an empty internal state.
         laws = args.step.laws
         at_rest = packed(laws, (0.0, 0.0, tuple(law.at_rest() for law in laws)))
         state = jax.tree.unflatten(jax.tree.structure(at_rest), y0)
-        y1 = tuple(jax.tree.leaves(advance(args.step, state, push, kinks="met")))
+        y1 = tuple(jax.tree.leaves(args.onward(state, powers)))
         dense_info = dict(y0=y0, y1=y1)
         return y1, None, dense_info, substep + 1, diffrax.RESULTS.successful
 

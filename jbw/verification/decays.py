@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,7 +18,6 @@ from jbw.observables.decay_envelopes import follow
 from jbw.observables.groups import changed
 from jbw.observables.modal_decays import MatchedEnvelopes, ModalDecays, match, modal_envelopes
 from jbw.observables.modes import Modes
-from jbw.observables.observable import alone
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
 from jbw.results.attributes import PredictedTest, StoredVariable
@@ -53,6 +51,7 @@ MISSED_KEY = 1  # number from which the random key of the model discrepancy is d
 OWN_STEPS = 8
 # noise relative to the record's rms, so small that the initial state follows the record
 SILENT = 1e-6
+LOT = 256  # number of draws whose decays are matched in one call
 
 
 def predict_decay(source: Source, test: Test) -> Predicted:
@@ -263,33 +262,24 @@ def _along(source: Source, data: Decays) -> Entered:
     def entered(
         key: Key[Array, ""], seen: Decays, time: np.ndarray, law_std: float
     ) -> tuple[Envelope, Envelopes]:
-        seen, steps = alone(seen), jnp.asarray(time / seen.step_s)
+        envelope, noise_std = np.asarray(seen.mean[0]), float(seen.groups.noise_std[0])
+        step_s = float(seen.step_s)
+
+        def continued(rows: np.ndarray, normal: np.ndarray, law_std: float) -> np.ndarray:
+            """Return the record's envelope, from a random initial state and frequency shift."""
+            initial = begun(rows, envelope, noise_std, seen, law_std)
+            change = np.linalg.cholesky(initial.covariance) @ normal[..., None]
+            return follow(rows, initial.moved(change[..., 0]), time / step_s, step_s)[0]
+
+        normal = generator(key).standard_normal((len(decays), 3))
+        lots = range(0, len(decays), LOT)  # whose intermediate results need little memory
+        drawn = [continued(decays[i : i + LOT], normal[i : i + LOT], law_std) for i in lots]
         of_others = {
-            n: np.asarray(_entered(key, x[None], seen, steps))[0] for n, x in others.items()
+            name: continued(rows[None], normal[:1], 0.0)[0] for name, rows in others.items()
         }
-        error = jnp.asarray(law_std)
-        return np.asarray(_entered(key, decays, seen, steps, error)), of_others
+        return np.concatenate(drawn), of_others
 
     return entered
-
-
-@eqx.filter_jit
-def _entered(
-    key: Key[Array, ""],
-    decays: Complex[Array, "draw step"],
-    seen: Decays,
-    steps: Float[Array, " time"],
-    law_std: float | Float[Array, ""] = 0.0,
-) -> Complex[Array, "draw time"]:
-    """Return a record's envelope for each draw, from a random initial state and frequency shift."""
-
-    def entered_by(pair: tuple[Array, Array]) -> Array:
-        key, decay = pair
-        initial = begun(decay, seen.mean[0], seen.groups.noise_std[0], seen, law_std)
-        change = jnp.linalg.cholesky(initial.covariance) @ jax.random.normal(key, (3,))
-        return follow(decay, initial.moved(change), steps, seen.step_s)[0]
-
-    return jax.lax.map(entered_by, (jax.random.split(key, len(decays)), jnp.asarray(decays)))
 
 
 def modes_of_draws(draws: Draws) -> Modes | None:

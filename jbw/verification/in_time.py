@@ -98,7 +98,7 @@ def _response(
 ) -> tuple[Float[Array, " time"], Float[Array, ""]]:
     data: Any = dataset.parts[0]
     if data.solution is not None:
-        return data.solution.response[0], data.solution.y_peak[0]
+        return data.predict(theta)[0], data.solution.y_peak[0]
     source, (point,) = jax.tree.map(lambda x: x[0], data.held), data.points
     motion = motion_under(theta, source, data.fs, every_point=bool(point), **data.solving)
     how = {"response": data.response, "residuals": data.residuals}

@@ -288,17 +288,16 @@ def test_of_a_shift_at_the_beginning_only_the_records_own_part_goes_on():
     """Own shifts and errors of the law drawn by their priors: what is left of both is as stated."""
     own_std, law_std, step_s, size = 0.02, 0.05, 0.05, 60
     steps = np.arange(400.0)
-    log = jnp.asarray(-3e-3 * steps - 0.5 * np.log1p(0.01 * steps) + 0.02j * np.sqrt(1 + steps))
+    log = -3e-3 * steps - 0.5 * np.log1p(0.01 * steps) + 0.02j * np.sqrt(1 + steps)
     inside = 41.3 + np.arange(float(size))
     motion = -3e-3 * inside - 0.5 * np.log1p(0.01 * inside) + 0.02j * np.sqrt(1 + inside)
     data = replace(Decays.of(decay_test()), shift_std=jnp.asarray(own_std), step_s=step_s)
     rng, noise, errors, phases = np.random.default_rng(5), 1e-3, [], []
-    enter = jax.jit(lambda record: begun(log, record, jnp.asarray(noise), data, law_std))
     for own, of_law in rng.standard_normal((300, 2)) * [own_std, law_std]:
         total = own + of_law
         record = np.exp(motion + 1j * (2.1 + total * step_s * np.arange(size)))
         record = record + noise * (rng.standard_normal(size) + 1j * rng.standard_normal(size))
-        found = enter(jnp.asarray(record))
+        found = begun(log, record, noise, data, law_std)
         errors.append((float(found.entry.shift) - own) / float(jnp.sqrt(found.covariance[2, 2])))
         end = step_s * size
         turn = found.entry.phase + found.entry.shift * end - (2.1 + total * end)

@@ -20,6 +20,7 @@ from jbw.observables.dataset import log_likelihood
 from jbw.observables.drives import told_by
 from jbw.observables.modal_readings import MotionSpectra, read_modes
 from jbw.observables.modes import LABEL, Modes, ModesAtJoint
+from jbw.oscillator.modes.assembled import held_numbers, seen_by
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.rig.integrator import GRID, specimen_of
 from jbw.rig.structure import Assembled, modal_truth, move
@@ -312,3 +313,14 @@ def test_points_that_cannot_be_meant_are_refused(two_points):
         seen(shared)
     with pytest.raises(DataError, match=r"must drive the mode at 57.2 Hz .* measured at `wing`"):
         seen([test for test in two_points.tests if test.name != "high_2 at wing"])
+
+
+def test_points_are_in_the_order_of_their_names_in_programs_and_outside():
+    """JAX sorts the names of parameters, so a later name must not take an earlier row."""
+    c = {"": np.array([1.0, 2.0]), "tip": np.array([3.0, 4.0]), "end": np.array([5.0, 6.0])}
+    ones = np.ones(2)
+    held = held_numbers(1e2 * ones, 1e-2 * ones, {"a": ones}, {"a": 1e6}, ones, c)
+    theta = {name: jnp.asarray(value) for name, value in held.items()}
+    expected = np.stack([c[""], c["end"], c["tip"]])
+    np.testing.assert_array_equal(seen_by(theta), expected)
+    np.testing.assert_array_equal(jax.jit(seen_by)(theta), expected)

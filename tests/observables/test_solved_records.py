@@ -137,12 +137,21 @@ def test_best_offsets_are_read_at_the_point():
         np.testing.assert_allclose(found[run], row * np.asarray(data.scatter), rtol=1e-8)
 
 
-def test_what_is_not_one_mode_from_rest_is_left_to_its_own_loop():
+MODE = {"omega_2": 300.0, "zeta_2": 0.02, "gain_ratio_2": -0.7}
+AT_JOINT = {"shape_2": 1.4, "sign_2": -1.0, "coupling_2": 1.7}
+OWN_LAW = {"alpha_mode_2": 900.0, "delta_mode_2": 500.0, "gamma_mode_2": 30.0}
+
+
+@pytest.mark.parametrize("further", [{UPPER: 1e-6}, MODE, MODE | AT_JOINT, MODE | OWN_LAW])
+def test_residual_terms_and_further_modes_come_out_as_by_their_own_loop(further):
     data = dataset_of(residuals="upper")
-    assert solved(points(), data, 1, writes=True) is not None
-    assert solved({**points(), UPPER: np.full(5, 1e-6)}, data, 1, writes=True) is None
-    modes = {**points(), "omega_2": np.full(5, 300.0)}
-    assert solved(modes, dataset_of(), 1, writes=True) is None
+    theta = points() | {name: np.full(5, value) for name, value in further.items()}
+    assert solved(theta, data, 1, writes=False) is not None
+    expected, _ = at_points(both_by_their_own_loop, theta, data)
+    np.testing.assert_allclose(at_points(log_likelihood, theta, data), expected, rtol=1e-9)
+
+
+def test_steady_motion_is_left_to_its_own_loop():
     steady = replace(dataset_of().parts[0].held, periodic=True)
     part = replace(dataset_of().parts[0], held=steady)
     assert part.solved(points(), 1, writes=True) is None

@@ -1,10 +1,10 @@
-"""Compiled Markov chains for any kernel: start, advance by a chunk of steps, evaluate.
+"""Compiled Markov chains for any kernel: start, and advance by a chunk of steps.
 
 Bounds, data and whitening are arguments of the compiled functions and not constants in them. Other
 data of the same shapes, or another box with the same names, need no new compilation.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,6 +14,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
+from jbw.inference.lanes import at_points
 from jbw.inference.samplers.register import Sampler, module_of
 from jbw.inference.space.coordinates import interval
 from jbw.inference.space.problem import Problem
@@ -149,27 +150,13 @@ def advance_chains(
     return over_chains(advance, options.chain_method)(states, (problem, count))
 
 
-@eqx.filter_jit
-def evaluate_chains(
-    theta: dict[str, Float[Array, "chain draw"]],
-    first: Int[Array, ""],
-    last: Int[Array, ""],
-    problem: Problem,
-    chain_method: str,
-) -> Float[Array, "chain draw term"]:
-    """Evaluate the log likelihood's terms [nats] at draws `first` to `last`; the rest are zero."""
-
-    def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
-        problem, first, last = shared
-
-        def terms_at(i: Array) -> Array:
-            point = {name: values[i] for name, values in theta.items()}
-            return jnp.ravel(problem.log_likelihood(point, problem.data))
-
-        rows = _empty_rows(lambda: terms_at(jnp.asarray(0)), len(next(iter(theta.values()))))
-        return jax.lax.fori_loop(first, last, lambda i, rows: _set_row(rows, i, terms_at(i)), rows)
-
-    return over_chains(evaluate, chain_method)(theta, (problem, first, last))
+def terms_at(
+    theta: Mapping[str, Float[Any, "chain draw"]], problem: Problem
+) -> Float[np.ndarray, "chain draw term"]:
+    """Return the log likelihood's terms [nats] at the draws of all chains."""
+    shape = np.shape(next(iter(theta.values())))
+    points = {name: np.ravel(values) for name, values in theta.items()}
+    return at_points(problem.log_likelihood, points, problem.data).reshape(*shape, -1)
 
 
 def num_devices_for(num_chains: int) -> int:

@@ -18,8 +18,8 @@ from jbw.inference.samplers.chains import (
     MakeKernel,
     Starts,
     advance_chains,
-    evaluate_chains,
     start_chains,
+    terms_at,
 )
 from jbw.inference.space.problem import Problem
 
@@ -234,9 +234,8 @@ def _grown(
     first = min(count, max(0, options.num_warmup - done))
     if first == count:
         return jax.block_until_ready(states), []
-    bounds = jnp.asarray(first), jnp.asarray(count)
-    terms = evaluate_chains(draws.theta, *bounds, problem, options.chain_method)
-    return states, [jax.tree.map(lambda r: np.asarray(r)[:, first:count], (draws, terms))]
+    rows = jax.tree.map(lambda row: np.asarray(row)[:, first:count], draws)
+    return states, [(rows, terms_at(rows.theta, problem))]
 
 
 def _so_far(done: int, total: int, rows: list[Rows], rate: float | None) -> SoFar:

@@ -8,7 +8,6 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key, PyTree
@@ -20,9 +19,9 @@ from jbw.inference.samplers.chains import (
     MakeKernel,
     Starts,
     draws_of,
-    evaluate_chains,
     num_devices_for,
     starts_of,
+    terms_at,
 )
 from jbw.inference.samplers.chunked_run import UNSUPERVISED, Supervision, grow_chains
 from jbw.inference.samplers.evidence import require_possible
@@ -180,7 +179,7 @@ def draw_posterior(
     if entry.in_rounds:
         outcome = module.gather(key, problem, chosen, *supervision)
     elif hasattr(module, "draw"):
-        outcome = _at_once(entry, key, problem, chosen, method)
+        outcome = _at_once(entry, key, problem, chosen)
     else:
         starts = starts_of(key, problem, place.start, request.num_chains)
         outcome = _in_chunks(starts, problem, module.kernel, chosen, supervision)
@@ -243,16 +242,13 @@ def _in_chunks(
     return Draws(draw.theta, draw.stats, True, True, facts), terms, earlier
 
 
-def _at_once(
-    entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any, method: str
-) -> SamplerOutput:
+def _at_once(entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any) -> SamplerOutput:
     """Draw everything in one call; return the draws and their log likelihoods."""
     drawn = _drawn(entry, key, problem, options)
     require_possible(bool(drawn.possible))
     if hasattr(module_of(entry), "require_arrival"):
         module_of(entry).require_arrival(bool(drawn.arrived))
-    bounds = jnp.asarray(0), jnp.asarray(options.num_samples)
-    terms = np.asarray(evaluate_chains(drawn.theta, *bounds, problem, method))
+    terms = terms_at(drawn.theta, problem)
     return jax.tree.map(lambda v: np.asarray(v) if isinstance(v, Array) else v, drawn), terms, 0.0
 
 

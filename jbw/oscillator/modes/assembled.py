@@ -137,9 +137,12 @@ def assembled_structure(
 
 
 def seen_by(theta: Mapping[str, Any]) -> Float[Array, "point mode"]:
-    """Return the motion of every measured point in all modes; the first point comes first."""
+    """Return the motion of every measured point in all modes: the first point, then by name.
+
+    JAX sorts the names of parameters that it traces, so that no other order can be kept.
+    """
     modes, stem = range(1, num_modes(theta) + 1), seen_name(1, "") + "@"
-    points = ["", *(name.removeprefix(stem) for name in theta if name.startswith(stem))]
+    points = ["", *sorted(name.removeprefix(stem) for name in theta if name.startswith(stem))]
     return jnp.stack([rows(theta, [seen_name(i, point) for i in modes]) for point in points])
 
 

@@ -40,7 +40,7 @@ from jbw.oscillator.modes.structure import (
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.periodic import steady_period
 from jbw.oscillator.solver import StockScheme, sampled_input, solve_stock
-from jbw.oscillator.step import remainders
+from jbw.oscillator.step import added, remainders
 
 
 class StructureResponse(eqx.Module):
@@ -171,7 +171,8 @@ def _simulate(
     else:
         u_sampled = u.u
         if options.exact_step:
-            solve = partial(_stepped, options, modal_stepping(structure, u, fs, options.substeps))
+            rate, pieces = fs * options.substeps, u.pieces(options.substeps)
+            solve = partial(_stepped, options, modal_stepping(structure, rate, u.gain, pieces))
         else:
             solve = partial(_stock, options, structure, partial(sampled_input, u), fs)
     residual = jnp.zeros(())
@@ -220,6 +221,28 @@ def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
     z, r, c = jnp.stack(z), jnp.stack(r), structure.c
     ddq = accelerations(structure, q, dq, r, u)
     return StructureResponse(t, q, dq, x, z, r, work, c @ q, c @ dq, c @ ddq, residual, guesses)
+
+
+def output_of(structure: Any, c: Array, order: int, state: ModalState, u: Scalar) -> Scalar:
+    """Return displacement, velocity or acceleration (`order` 0, 1, 2) of an output in one state.
+
+    The `Structure` must have an axis of joints; the output's weights c are one number per mode.
+    """
+    q, v, memories = state
+    if order < 2:
+        return added(c[i] * x for i, x in enumerate(v if order else q))
+    modes, h, p = range(len(q)), structure.h, structure.p
+    pull: list[Any] = [0.0] * len(q)
+    for j, (laws, memory) in enumerate(zip(structure.laws, memories, strict=True)):
+        x, dx = (added(h[j, i] * part[i] for i in modes) for part in (q, v))
+        pairs = list(zip(laws, memory, strict=True))
+        r = sum((law.force(x, dx, held) - law.stiffness() * x for law, held in pairs), 0.0)
+        pull = [pull[i] + p[i, j] * r for i in modes]
+    omega_n, zeta, b = structure.omega_n, structure.zeta, structure.b
+    return added(
+        c[i] * (b[i] * u - 2.0 * zeta[i] * omega_n[i] * v[i] - omega_n[i] ** 2 * q[i] - pull[i])
+        for i in modes
+    )
 
 
 def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:

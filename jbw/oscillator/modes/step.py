@@ -18,7 +18,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.kinks import barrier
 from jbw.oscillator.law import Law, Memory
 from jbw.oscillator.linear import impulse_moments
@@ -222,6 +221,10 @@ class ModalStepping(eqx.Module):
         )
         return on_q, on_v, self.gain * powers[0]
 
+    def onward(self, state: ModalState, powers: tuple[Any, ...]) -> ModalState:
+        """Return the state after a substep, from the input's polynomial in the substep."""
+        return modal_advance(self.step, state, self.push(powers))[0]
+
     def pushed(self) -> Pushed:
         """Return the constants of the step, and the effect of the input in every substep."""
         start = self.gain * np.eye(1, len(self.pieces))[0]
@@ -232,57 +235,44 @@ class ModalStepping(eqx.Module):
 
 
 def modal_stepping(
-    structure: Structure, held: HeldInput, fs: Scalar, substeps: int
+    structure: Structure, rate: Scalar, gain: Scalar, pieces: tuple[Any, ...]
 ) -> ModalStepping:
-    """Return constants, input moments times gain, and input coefficients for the time steps.
+    """Return the steps of a structure, from steps per second and the input's gain and pieces.
 
     The structure must have an axis of joints.
     """
-    step, moments_y, moments_v = _constants(structure, 1.0 / (fs * substeps))
-    pieces = held.pieces(substeps)
-    on_q, on_v = (
-        tuple(
-            tuple(held.gain * b * w[j] for j in range(len(pieces)))
-            # pyright: ignore[reportArgumentType]
-            for b, w in zip(structure.b, moments, strict=True)  # pyright: ignore[reportArgumentType]
-        )
-        for moments in (moments_y, moments_v)
+    dt = 1.0 / rate
+    h, p, b = (jnp.asarray(x) for x in (structure.h, structure.p, structure.b))
+    # The constants of all modes are computed as arrays, because a separate sum for each of so many
+    # numbers compiles slowly.
+    stiffness, damping = structure.omega_n**2, 2.0 * structure.zeta * structure.omega_n
+    m = barrier(impulse_moments(stiffness, damping, dt, NUM_MOMENTS))
+    (r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v) = (
+        (w_0, w_1, 3.0 * w_2 - 2.0 * w_3, w_3 - 2.0 * w_2, w_3 - w_2)
+        for w_0, w_1, w_2, w_3 in (w.T[:4] for w in (m.y, m.v))
     )
-    return ModalStepping(step, on_q, on_v, held.gain, pieces)
-
-
-def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array], list[Array]]:
-    """Return the constants of a step dt [s], and the moments of a unit input in each mode."""
-    h, p, b = jnp.asarray(structure.h), jnp.asarray(structure.p), jnp.asarray(structure.b)
-    joints = range(h.shape[0])
-    modes, weights, moments_y, moments_v = [], [], [], []
-    # pyright: ignore
-    for i, (omega_n, zeta) in enumerate(zip(structure.omega_n, structure.zeta, strict=True)):  # pyright: ignore
-        stiffness, damping = omega_n**2, 2.0 * zeta * omega_n
-        m = barrier(impulse_moments(stiffness, damping, dt, NUM_MOMENTS))
-        (r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v) = (
-            (w[0], w[1], 3.0 * w[2] - 2.0 * w[3], w[3] - 2.0 * w[2], w[3] - w[2])
-            for w in (m.y, m.v)
+    seen = jnp.stack([jnp.ones_like(r_y), r_y, r_v, s_y, s_v, d_y, a_y, b_y, a_y - b_y, a_v - b_v])
+    couplings = barrier(jnp.einsum("ji,il,wi->jlw", h, p, seen))
+    on_y, on_v = (
+        -p[..., None] * jnp.stack(parts, axis=-1)[:, None]
+        for parts in ((r_y, s_y + a_y, d_y, b_y), (r_v, s_v + a_v, d_v, b_v))
+    )
+    free = jnp.stack([stiffness, damping, m.f_11, m.f_12, m.f_21, m.f_22], axis=-1)
+    modes = tuple(
+        ModeStep(
+            tuple(h_i), tuple(p_i), *tuple(free_i),
+            on_y=tuple(map(tuple, on_q)), on_v=tuple(map(tuple, on_dq)),
         )
-        on_y, on_v = (
-            tuple(tuple(-p[i, j] * w for w in (r, s + a, d, b)) for j in joints)
-            for r, s, d, a, b in ((r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v))
-        )
-        free = m.f_11, m.f_12, m.f_21, m.f_22
-        modes.append(ModeStep(tuple(h[:, i]), tuple(p[i]), stiffness, damping, *free, on_y, on_v))
-        weights.append((1.0, r_y, r_v, s_y, s_v, d_y, a_y, b_y, a_y - b_y, a_v - b_v))
-        moments_y.append(m.y)
-        moments_v.append(m.v)
-
-    # Arrays are used, because a separate sum for each of so many numbers compiles slowly.
-    couplings = barrier(jnp.einsum("ji,il,iw->wjl", h, p, jnp.asarray(weights)))
-    steps = []
-    for j, laws in enumerate(structure.laws):
-        by = tuple(Coupling(*couplings[:, j, other]) for other in joints)
-        input_gain = added(h[j, i] * b[i] for i in range(len(modes)))
-        steps.append(JointStep(laws, dt, by, input_gain, j))  # pyright: ignore[reportArgumentType]
-    step = ModalStep(tuple(steps), tuple(modes))
-    return jax.tree.map(jnp.asarray, step), moments_y, moments_v
+        for h_i, p_i, free_i, on_q, on_dq in zip(h.T, p, free, on_y, on_v, strict=True)
+    )  # fmt: skip
+    all_laws: Any = structure.laws
+    steps = tuple(
+        JointStep(laws, dt, tuple(Coupling(*row) for row in by), jnp.sum(h[j] * b), j)
+        for j, (laws, by) in enumerate(zip(all_laws, map(tuple, couplings), strict=True))
+    )
+    step = jax.tree.map(jnp.asarray, ModalStep(steps, modes))
+    on_q, on_v = (tuple(map(tuple, gain * b[:, None] * w[:, : len(pieces)])) for w in (m.y, m.v))
+    return ModalStepping(step, on_q, on_v, gain, pieces)
 
 
 def modal_advance(
