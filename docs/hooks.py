@@ -417,7 +417,7 @@ def plan_file() -> str:
 
 def powers() -> str:
     """Rows of numbers of references, thresholds and powers of the test of a watch."""
-    from jbw.watch.hotelling import power, threshold
+    from jbw.watch.detection import power, threshold
 
     return "\n".join(
         f"| {num} | {threshold(1e-3, 2, num):.0f} | {power(1e-3, 2, num, 5.0):.2f} |"

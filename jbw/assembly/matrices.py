@@ -204,7 +204,7 @@ def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse
         return matrix, ""
     i, j = int(skew.row[worst]), int(skew.col[worst])
     if relative[worst] > _ASYMMETRIC:
-        triangle = _is_triangle(matrix)
+        triangle = sp.tril(matrix, -1).nnz == 0 or sp.triu(matrix, 1).nnz == 0
         raise DataError(
             f"Matrix {name} must be symmetric, but {name}[{dofs[i]}, {dofs[j]}] is "
             f"{matrix[i, j]:.9g} and {name}[{dofs[j]}, {dofs[i]}] is {matrix[j, i]:.9g}.",
@@ -218,10 +218,6 @@ def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse
     if relative[worst] <= _ROUND_OFF:
         return symmetric, ""
     return symmetric, messages.asymmetric(name, relative[worst], str(dofs[i]), str(dofs[j]))
-
-
-def _is_triangle(matrix: Sparse) -> bool:
-    return sp.tril(matrix, -1).nnz == 0 or sp.triu(matrix, 1).nnz == 0
 
 
 def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:

@@ -179,24 +179,18 @@ def joint_separability(
     motion = H[:, swept].T
     participation = np.abs(motion) ** (2 + exponent)
     if groups is not None:
-        motion, participation, names = _of_groups(motion, participation, names, groups)
+        members = [
+            [j for j, g in enumerate(groups) if g == group] for group in dict.fromkeys(groups)
+        ]
+        motion = motion[:, [joints[0] for joints in members]]
+        columns = [participation[:, joints].sum(axis=1) for joints in members]
+        participation = np.column_stack(columns)
+        names = tuple(" = ".join(names[j] for j in joints) for joints in members)
     rows = participation / np.linalg.norm(participation, axis=1, keepdims=True)
     angles = _angles(rows)
     return JointSeparability(
         swept, names, participation, _condition(rows), angles, tuple(_alike(motion, angles))
     )  # fmt: skip
-
-
-def _of_groups(
-    motion: np.ndarray, participation: np.ndarray, names: tuple[str, ...], groups: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return, for each group of joints, the first motion, the sum of B's columns, and the names."""
-    members = [[j for j, g in enumerate(groups) if g == group] for group in dict.fromkeys(groups)]
-    return (
-        motion[:, [joints[0] for joints in members]],
-        np.column_stack([participation[:, joints].sum(axis=1) for joints in members]),
-        tuple(" = ".join(names[j] for j in joints) for joints in members),
-    )
 
 
 def moving_modes(

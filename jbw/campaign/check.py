@@ -38,7 +38,6 @@ from jbw.measurement.faults.channels import inspect
 from jbw.measurement.faults.controlled import uncontrolled
 from jbw.measurement.faults.examine import Examined, examined_decay, examined_sweep
 from jbw.measurement.faults.fault import Fault, doubt, gathered, refusal, worst
-from jbw.measurement.faults.long_records import DRIFTS, long_records
 from jbw.measurement.faults.loops import loop_causes, one_sided, travels_freely
 from jbw.measurement.faults.noise import noisy_drive, untimely
 from jbw.measurement.faults.plausibility import already_moving, doubts, swapped
@@ -47,7 +46,7 @@ from jbw.measurement.faults.unlike_gains import unlike_gains, unlike_tests
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record, is_sampled, share_clock
-from jbw.measurement.spans import in_whole_periods, toml_list
+from jbw.measurement.spans import DRIFTS, in_whole_periods, long_records, toml_list
 from jbw.measurement.spectra import strongest_line
 from jbw.quantities import FED
 from jbw.report.messages import campaign_faults as messages
@@ -408,8 +407,9 @@ def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> l
         if not (np.isnan(record.fs) or share_clock(record.fs, other.fs)):
             contradictions.append(messages.two_rates(record.fs, other.name, other.fs))
     faults += [refusal(record.response, *contradiction) for contradiction in contradictions]
-    if not first:
-        faults += _of_two_sources(record, test)
+    two_sources = test.drive is None and set(INPUTS) <= record.channels.keys()
+    if not first and test.traits.is_driven and two_sources:
+        faults.append(doubt("input", *messages.TWO_SOURCES))
     return [*faults, *_started_apart(record, test)]
 
 
@@ -472,12 +472,6 @@ def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
     motion = amplitude / (2 * np.pi * hz) ** order if order else amplitude
     if motion > LARGEST_MOTION:
         yield doubt(response, *messages.motion_of_metres(motion, hz if order else 0.0))
-
-
-def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:
-    """Yield a warning if a test records two sources and does not state which one is the drive."""
-    if test.traits.is_driven and test.drive is None and set(INPUTS) <= record.channels.keys():
-        yield doubt("input", *messages.TWO_SOURCES)
 
 
 def _fits_test(record: Record, test: TestSpec) -> Iterator[FaultText]:

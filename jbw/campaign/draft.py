@@ -20,6 +20,7 @@ from jbw.campaign.roles import (
     Channel,
     Leaves,
     channels_by_role,
+    is_complex,
     last_name,
     with_roles,
 )
@@ -204,7 +205,8 @@ def _tests(
         if len(torques) > 1 and (torque := _torque_of(repeats[0])):
             line = messages.assembly(toml(torque))
             file_blocks = [block.replace(CHANNELS, f"\n{line}{CHANNELS}") for block in file_blocks]
-        names += [_name_of(repeats[0], i, len(file_blocks)) for i in range(len(file_blocks))]
+        name, count = shared_name(repeats[0]), len(file_blocks)
+        names += [f"{name} {i}" if count > 1 else name for i in range(1, count + 1)]
         blocks += file_blocks
     if sum(map(bool, torques)) > 1:
         of_torques = [_pattern(repeats) for repeats in groups if _torque_of(repeats[0])]
@@ -282,11 +284,6 @@ def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> 
     if not one[0] < one[1] or all(band == one for band in bands.values()):
         return {}
     return dict.fromkeys(bands, one)
-
-
-def _name_of(path: Path, number: int, count: int) -> str:
-    """Return the name of a drafted test, made from the name of its file."""
-    return f"{shared_name(path)} {number + 1}" if count > 1 else shared_name(path)
 
 
 def shared_name(path: Path) -> str:
@@ -724,7 +721,7 @@ def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Chan
     paths = {role: channel.path for role, channel in channels.items()}
     # The kind is taken from the file's name alone, because the drive channel is unknown.
     kind, is_sure = _kind_of(files[0], {**channels, "force": NOBODY, "restoring_force": NOBODY}, {})
-    if "frequency" in paths and "force" not in paths and any(map(_is_complex, leaves.values())):
+    if "frequency" in paths and "force" not in paths and any(map(is_complex, leaves.values())):
         kind, is_sure = "frf", True
     traits = KINDS[kind] if is_sure else None
     roles = dict(paths)
@@ -807,10 +804,6 @@ def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
     return list(groups.values()) if same_names else [dict(series)]
 
 
-def _is_complex(leaf: Leaf) -> bool:
-    return np.issubdtype(leaf.array.dtype, np.complexfloating)
-
-
 def _kind_of(
     path: Path, roles: Mapping[str, Channel], series: Leaves, *, is_timed: bool = True
 ) -> tuple[str, bool]:
@@ -820,8 +813,10 @@ def _kind_of(
     if {"frequency", "phase"} <= set(roles):
         return "frf", True
     response = next((r for r in RESPONSES if r in roles), "")
-    if response and "frequency" in roles and _is_complex_in(series, roles[response].path):
-        return "frf", True
+    if response and "frequency" in roles:
+        leaf = series.get(roles[response].path)
+        if leaf is not None and is_complex(leaf):
+            return "frf", True
     name = path.stem.lower()
     driven = not roles.keys().isdisjoint(SOURCES)
     looped = "restoring_force" in roles or {"force", "displacement"} <= set(roles)
@@ -848,7 +843,7 @@ def _kind_of(
 def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
     """Return a channel's samples if they are one series of real numbers of moderate length."""
     leaf = series.get(path)
-    if leaf is None or len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES or _is_complex(leaf):
+    if leaf is None or len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES or is_complex(leaf):
         return None
     with suppress(ValueError, TypeError):
         return np.asarray(load(leaf), np.float64)
@@ -874,7 +869,3 @@ def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
     steps = np.diff(force) * np.diff(displacement)
     together = float(steps.sum() / max(float(np.abs(steps).sum()), 1e-300))
     return max(float(np.corrcoef(force, displacement)[0, 1]), together) > FOLLOWING
-
-
-def _is_complex_in(series: Leaves, path: str) -> bool:
-    return path in series and _is_complex(series[path])

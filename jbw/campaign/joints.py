@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -132,16 +132,6 @@ def _files(
     return found_files([stated], folder, allow_outside)[0]
 
 
-class _Modes(NamedTuple):
-    """Modes of a structure, and the joints' motion in these modes if it is known."""
-
-    frequencies_hz: np.ndarray
-    # a reduced model, or a matrix of motions, as `joint_separability` accepts them
-    motion: ReducedModel | np.ndarray | None = None
-    shares: np.ndarray | None = None
-    notes: tuple[str, ...] = ()
-
-
 def check_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool = False
 ) -> tuple[JointsCheck | None, list[Fault]]:
@@ -156,55 +146,44 @@ def check_joints(
         return None, []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        modes = _modes_of(spec, folder, allow_outside)
+        assembled = spec.assembled is not None
+        model = reduced_model(spec, folder, allow_outside=allow_outside) if assembled else None
+        shares = None if model is None else energy_shares(model)
     faults = [doubt(MATRICES, str(warning.message)) for warning in caught]
-    swept = _swept(spec, modes.frequencies_hz)
-    separability, separability_faults = _separability(modes, swept, spec.joints)
+    stated = () if spec.structure is None else spec.structure.modes
+    frequencies_hz = np.array(stated, float) if model is None else model.frequencies_hz
+    shapes = [table.shape for table in spec.joints]
+    is_known = None not in shapes and len(stated) > 0
+    motion = np.array(shapes, float) if model is None and is_known else model
+    swept = _swept(spec, frequencies_hz)
+    separability, separability_faults = _separability(motion, swept, spec.joints)
     names = tuple(table.name for table in spec.joints)
-    checked = JointsCheck(
-        names,
-        modes.frequencies_hz,
-        modes.shares,
-        swept,
-        separability,
-        modes.notes,
-        modes.motion if isinstance(modes.motion, ReducedModel) else None,
-    )
+    notes = () if model is None else model.notes
+    checked = JointsCheck(names, frequencies_hz, shares, swept, separability, notes, model)
     return checked, [*faults, *separability_faults]
 
 
 def _separability(
-    modes: _Modes, swept: Sequence[int], joints: Sequence[JointTable]
+    motion: ReducedModel | np.ndarray | None, swept: Sequence[int], joints: Sequence[JointTable]
 ) -> tuple[JointSeparability | None, list[Fault]]:
     """Return the separability matrix B of the swept modes that move a joint, and its findings."""
-    if modes.motion is None:
+    if motion is None:
         return None, []
-    moving = moving_modes(modes.motion)
+    moving = moving_modes(motion)
     rows = [mode for mode in swept if moving[mode]]
     if not rows:
         return None, [doubt("joint", *messages.NO_MODE)]
     separability = replace(
-        joint_separability(modes.motion, rows, groups=groups_of(joints)),
+        joint_separability(motion, rows, groups=groups_of(joints)),
         joints=_names_of_groups(joints),
     )
-    H = modes.motion.H if isinstance(modes.motion, ReducedModel) else modes.motion
+    H = motion.H if isinstance(motion, ReducedModel) else motion
     names = [table.name for table in joints]
     return separability, [
         *_too_few(separability),
         *_inseparable(separability, joints),
         *_unseen(np.abs(H[:, rows]), names),
     ]
-
-
-def _modes_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Modes:
-    """Return the modes of the matrices, or the stated modes with each joint's stated motion."""
-    if spec.assembled is not None:
-        model = reduced_model(spec, folder, allow_outside=allow_outside)
-        return _Modes(model.frequencies_hz, model, energy_shares(model), model.notes)
-    frequencies = () if spec.structure is None else spec.structure.modes
-    shapes = [table.shape for table in spec.joints]
-    is_known = None not in shapes and len(frequencies) > 0
-    return _Modes(np.array(frequencies, float), np.array(shapes, float) if is_known else None)
 
 
 def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:

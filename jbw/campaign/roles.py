@@ -258,25 +258,25 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
     If no name indicates the response, it is the first complex channel with a unit of a response, or
     the only complex channel, classified by its phase. Without a force channel it is per newton.
     """
-    is_complex = [p for p, leaf in series.items() if _is_complex(leaf)]
-    if not is_complex:
+    complex_paths = [p for p, leaf in series.items() if is_complex(leaf)]
+    if not complex_paths:
         return roles
-    sizes = {series[p].shape for p in is_complex}
+    sizes = {series[p].shape for p in complex_paths}
     known_roles = {role: c for role, c in roles.items() if role not in ("time", *INPUTS)}
     if "frequency" not in known_roles:
         for path, leaf in series.items():
-            if path not in is_complex and leaf.shape in sizes and rises(leaf):
+            if path not in complex_paths and leaf.shape in sizes and rises(leaf):
                 hz = "rad/s" if re.fullmatch("w|omega.*", last_name(path)) else "Hz"
                 known_roles["frequency"] = Channel(path, leaf.unit, hz, not leaf.unit)
                 break
     if "frequency" not in known_roles:
         return known_roles
-    path, *others = is_complex
+    path, *others = complex_paths
     unit = series[path].unit
     by_unit = [role for role in RESPONSES if _fits(role, unit)]
     if known_roles.keys().isdisjoint(RESPONSES) and (by_unit or not others):
         role = by_unit[0] if by_unit else _by_phase(series[path])
-        axes = tuple(is_complex) if others else ()
+        axes = tuple(complex_paths) if others else ()
         known_roles[role] = Channel(path, unit if by_unit else "", "", not by_unit, axes)
     source = next((roles[role] for role in INPUTS if role in roles), None)
     is_of_curve = source is not None and series[source.path].shape in sizes
@@ -284,7 +284,7 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
         known_roles["force" if roles.get("force") == source else "input"] = source
     per = "/N" if known_roles.keys().isdisjoint(INPUTS) else ""
     return {
-        role: c._replace(default=_si_of_role(role) + per) if c.path in is_complex else c
+        role: c._replace(default=_si_of_role(role) + per) if c.path in complex_paths else c
         for role, c in known_roles.items()
     }
 
@@ -299,7 +299,8 @@ def _by_phase(leaf: Leaf) -> str:
     return {-1: "displacement", 1: "acceleration"}.get(quarters, "velocity")
 
 
-def _is_complex(leaf: Leaf) -> bool:
+def is_complex(leaf: Leaf) -> bool:
+    """Return whether an array of a file has complex values."""
     return np.issubdtype(leaf.array.dtype, np.complexfloating)
 
 

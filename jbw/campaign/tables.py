@@ -311,7 +311,8 @@ def _needs(test: TestSpec) -> Iterator[str]:
 
 def _contradictions(test: TestSpec) -> Iterator[str]:
     """Yield an error for each stated key that does not apply to the test's kind or channels."""
-    curves, is_curve, roles = _curves(), test.traits.is_curve, set(test.channels)
+    curves = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
+    is_curve, roles = test.traits.is_curve, set(test.channels)
     if not is_curve and (roles - set(test.traits.channels)) & {"frequency", "phase"}:
         yield f"channels: `frequency` and `phase` belong to kind {curves}."
     if not is_curve and test.amplitudes != "peak":
@@ -415,11 +416,6 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
     for name in ("amplitude_std", "jumps"):
         if name in test.model_fields_set and not test.traits.is_controlled:
             yield f"{name}: for kind {controlled} only; other kinds have no controlled points."
-
-
-def _curves() -> str:
-    """Return the names of the kinds of test that are response curves, for messages."""
-    return ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_curve)
 
 
 def force_per_unit(campaign: Any) -> Gain:  # a checked campaign, with or without records

@@ -109,7 +109,7 @@ def predict_loads(
     from jbw.report.load_section import load_rows, load_table
     from jbw.run.files import hash_of
     from jbw.study.loads import Load, load_on
-    from jbw.study.saved_loads import save_loads
+    from jbw.study.store import save_loads
     from jbw.verification.predict import warnings_of
 
     load = Load(

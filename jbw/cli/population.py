@@ -1,9 +1,9 @@
 """The command that pools a fleet of runs: `jbw population fleet.nc`."""
 
-from collections.abc import Callable, Mapping
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -86,48 +86,36 @@ def population(
             about_new = {"torque": torque_of(pooling, torque), **ahead}
             found = pooling.result.replaced(new_unit=about_new)
             shown = population_table(found)
-            _write(folder, found.plain(), tree, lambda: _drawn(
-                fleet.stem, pooling, found, _bands(pooling, torque, new), shown
-            ))  # fmt: skip
+            bands = partial(_bands, pooling, torque, new)
+            _write(folder, fleet.stem, pooling, found, tree, shown, bands)
     status = f"Status: {found.status}"
     saved = f"Population: {folder / 'population.html'}"
     answer(json_, found.plain(), shown, status, *found.statements, saved=saved)
     return 0 if found.status == "ok" else NOT_TRUSTED
 
 
-def _drawn(
-    name: str,
-    pooling: "Population",
-    found: "StoredPopulation",
-    bands: tuple[np.ndarray, np.ndarray],
-    shown: "Table",
-) -> tuple[str, "Panels"]:
-    """Return the HTML page about a population, and the figure of all its units."""
+def _write(
+    folder: Path, name: str, pooling: "Population", found: "StoredPopulation",
+    tree: "xr.DataTree", shown: "Table", bands: Callable[[], tuple[np.ndarray, np.ndarray]],
+) -> None:  # fmt: skip
+    """Write the numbers of a population, then its page and the figure of all its units."""
     from jbw.report.population import population_figure, population_sheet
     from jbw.report.sheet import render_sheet
-
-    mean, cov = pooling.pooled.mean, pooling.pooled.cov
-    sd = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
-    figure = population_figure(pooling.record, mean, sd, *bands)
-    return render_sheet(population_sheet(name, found, mean, sd, shown), figure), figure
-
-
-def _write(
-    folder: Path,
-    record: Mapping[str, Any],
-    tree: "xr.DataTree",
-    draw: Callable[[], tuple[str, "Panels"]],
-) -> None:
-    """Write the numbers of a population, then the page and figure that `draw` returns."""
     from jbw.run.netcdf import write_tree
     from jbw.study.store import save_outputs, write_figure, write_json
 
-    drawn = cache(draw)
+    @cache
+    def drawn() -> tuple[str, "Panels"]:
+        mean, cov = pooling.pooled.mean, pooling.pooled.cov
+        sd = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+        figure = population_figure(pooling.record, mean, sd, *bands())
+        return render_sheet(population_sheet(name, found, mean, sd, shown), figure), figure
+
     save_outputs(
         folder,
         {
             "population.nc": lambda path: write_tree(path, tree),
-            "population.json": lambda path: write_json(path, record),
+            "population.json": lambda path: write_json(path, found.plain()),
         },
         {
             "population.png": lambda path: write_figure(path, drawn()[1]),

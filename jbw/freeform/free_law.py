@@ -15,7 +15,6 @@ Reference:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import ArrayLike, Float
@@ -47,18 +46,6 @@ MOST_TRIES = 60
 Bands = Float[np.ndarray, "quantile amplitude"]
 
 
-class FreeLawKey(NamedTuple):
-    """The key of a free-form law: the prior of its sliders' strengths, and its springs."""
-
-    prior: str
-    terms: tuple[str, ...]
-
-    @property
-    def name(self) -> str:
-        """The name of this prior and its springs as a law of jbw, joined by plus signs."""
-        return " + ".join([NAMES.get(self.prior, self.prior), *self.terms])
-
-
 @dataclass(frozen=True)
 class FreeLaw:
     """The law of a joint without a prescribed formula, from frequency and damping alone.
@@ -73,7 +60,7 @@ class FreeLaw:
     rows: ReadingRows
     log_evidence: Mapping[str, float]
     masing: float
-    posteriors: Mapping[FreeLawKey, tuple[StrengthPosterior, Tempered]]
+    posteriors: Sequence[tuple[StrengthPosterior, Tempered]]
 
     @property
     def rule(self) -> str:
@@ -85,17 +72,17 @@ class FreeLaw:
     @property
     def scatter(self) -> float:
         """The relative standard deviation of frequency between records (posterior median)."""
-        best = max(self.posteriors.values(), key=lambda found: found[1].log_evidence)
+        best = max(self.posteriors, key=lambda found: found[1].log_evidence)
         return float(np.exp(np.median(best[1].theta[:, -1])))
 
     def bands(self, amplitude: ArrayLike, seed: int = 0) -> tuple[Bands, Bands]:
         """Return the bands of frequency [Hz] and damping ratio at given amplitudes [m]."""
         rng = np.random.default_rng(seed)
-        logs = np.array([drawn.log_evidence for _, drawn in self.posteriors.values()])
+        logs = np.array([drawn.log_evidence for _, drawn in self.posteriors])
         weights = (logs > logs.max() - CALLED) / np.sum(logs > logs.max() - CALLED)
-        most = max(len(drawn.theta) for _, drawn in self.posteriors.values())
+        most = max(len(drawn.theta) for _, drawn in self.posteriors)
         curves = []
-        for (posterior, drawn), weight in zip(self.posteriors.values(), weights, strict=True):
+        for (posterior, drawn), weight in zip(self.posteriors, weights, strict=True):
             if count := round(weight * most):
                 chosen = rng.choice(len(drawn.theta), count, replace=False)
                 curves.append(posterior.curves(drawn.theta[chosen], amplitude, rng))
@@ -128,24 +115,24 @@ def free_law(
         DataError: Fewer than four amplitudes, or a reading that is not finite and positive.
     """
     rows = rows_of(tables)
-    keys = [
-        FreeLawKey(prior, terms)
+    candidates = [
+        (prior, terms)
         for prior in (*(NAMED if named else ()), *WITHOUT_FORM)
         for terms in (SPRINGS_OF_NAMED if prior in NAMED else SPRINGS)
     ]
-    posteriors = {}
-    for i, key in enumerate(keys):
-        posterior = posterior_of(rows, key.prior, key.terms)
+    evidence, without_form = {}, []
+    for i, (prior, terms) in enumerate(candidates):
+        posterior = posterior_of(rows, prior, terms)
         rng = np.random.default_rng([seed, i])
         drawn = temper(posterior.with_slopes, posterior.mean, posterior.sd, rng, num_particles)
-        posteriors[key] = posterior, drawn
-    evidence = {key.name: drawn.log_evidence for key, (_, drawn) in posteriors.items()}
-    bound, loose = (
-        np.logaddexp.reduce([evidence[FreeLawKey(prior, terms).name] for terms in SPRINGS])
-        for prior in WITHOUT_FORM
+        evidence[" + ".join([NAMES.get(prior, prior), *terms])] = drawn.log_evidence
+        if prior in WITHOUT_FORM:
+            without_form.append((posterior, drawn))
+    # All laws of the first prior come before those of the second.
+    bound, loose = np.logaddexp.reduce(
+        np.reshape([drawn.log_evidence for _, drawn in without_form], (2, -1)), axis=1
     )
-    kept = {key: found for key, found in posteriors.items() if key.prior in WITHOUT_FORM}
-    return FreeLaw(rows, evidence, float(loose - bound), kept)
+    return FreeLaw(rows, evidence, float(loose - bound), without_form)
 
 
 def least_loss(rows: ReadingRows, amplitude: ArrayLike, omega_sq: Reals) -> Reals:

@@ -101,10 +101,10 @@ class SliderGrid:
         return share(np.asarray(amplitude)[:, None, None], self.half_widths).mean(axis=-1)
 
 
-def grid_for(smallest: float, largest: float, per_decade: int = PER_DECADE) -> SliderGrid:
+def grid_for(smallest: float, largest: float) -> SliderGrid:
     """Return a slider grid from 1/20 of the smallest to six times the largest amplitude [m]."""
     low, high = np.log(BELOW * smallest), np.log(ABOVE * largest)
-    count = max(4, int(np.ceil((high - low) / np.log(10) * per_decade)))
+    count = max(4, int(np.ceil((high - low) / np.log(10) * PER_DECADE)))
     edges = np.linspace(low, high, count + 1)
     return SliderGrid((edges[1:] + edges[:-1]) / 2, float(edges[1] - edges[0]))
 

@@ -21,7 +21,6 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box
 from jbw.measurement.channels import rms
 from jbw.observables.dataset import Dataset, measured_parts
-from jbw.observables.observable import Observable
 from jbw.report.messages import residuals as messages
 from jbw.report.messages import stages
 from jbw.results.attributes import StoredErrors
@@ -36,12 +35,9 @@ def kinds_of(data: Dataset) -> dict[str, tuple[str, ...]]:
     """Return the labels of the fitted data groups, by kind of test."""
     labels: dict[str, list[str]] = {}
     for part in measured_parts(data):
-        labels.setdefault(_kind_of(part), []).extend(part.groups.labels)
+        kind = WORDS.get(part.kinds[0], part.kinds[0])
+        labels.setdefault(kind, []).extend(part.groups.labels)
     return {kind: tuple(of_kind) for kind, of_kind in labels.items()}
-
-
-def _kind_of(part: Observable) -> str:
-    return WORDS.get(part.kinds[0], part.kinds[0])
 
 
 def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:

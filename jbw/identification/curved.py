@@ -12,7 +12,6 @@ posterior instead.
 
 from collections.abc import Mapping
 from contextlib import suppress
-from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -42,18 +41,6 @@ SIZE, MOST_ROUNDS = 256, 12  # number of points in a round of weighting, and num
 # the Gaussian approximation is used
 ENOUGH, FEWEST = 200.0, 100.0
 MOST_KHAT = 1.0  # k-hat above which weights have no finite mean
-
-
-class WeightedDraws(NamedTuple):
-    """Draws of equal weight that represent weighted points.
-
-    Attributes:
-        draws: Log likelihood [nats] and parameters by name, (chain, draw).
-        effective: Effective number of points.
-    """
-
-    draws: tuple[Chains, dict[str, Chains]]
-    effective: float
 
 
 def is_curved(ready: Fitted) -> bool:
@@ -86,8 +73,11 @@ def is_curved(ready: Fitted) -> bool:
 
 def weighted_draws(
     key: Key[Array, ""], ready: Fitted, num_chains: int, num_draws: int
-) -> WeightedDraws | None:
-    """Return draws from weighted points; None if no coordinates give reliable weights of points.
+) -> tuple[tuple[Chains, dict[str, Chains]], float] | None:
+    """Return draws from weighted points, and the effective number of these points.
+
+    The draws are log likelihoods [nats] and parameters by name, (chain, draw). None if no
+    coordinates give reliable weights.
 
     Logarithms are the first coordinates. If their weights are poor, those along the valley of the
     least determined parameter are tried too, and the better are taken.
@@ -116,7 +106,7 @@ def weighted_draws(
     rows = rng.choice(len(found.weights), shape, p=found.weights / found.weights.sum())
     theta = {name: np.asarray(found.theta[name])[rows] for name in prior.names}
     density = found.terms.sum(axis=1)[rows]
-    return WeightedDraws((density, theta), effective)
+    return (density, theta), effective
 
 
 def solvable_draws(

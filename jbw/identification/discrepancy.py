@@ -134,12 +134,11 @@ class Discrepancy:
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
         """Return the law's relative error for a kind of test; the largest error if unknown."""
-        shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
+        shares = {
+            name: float(np.hypot(missed.share * scatter.std, missed.beyond * scatter.whole))
+            for name, scatter in self.share.items()
+        }
         return shares.get(kind, max(shares.values(), default=0.0))
-
-
-def _at(share: Scatter, missed: AtAmplitude) -> float:
-    return float(np.hypot(missed.share * share.std, missed.beyond * share.whole))
 
 
 def growth(y: float | None, y_low: float, y_high: float) -> float:

@@ -50,22 +50,16 @@ def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
     of_model = is_assembled(data.held)
     held = {name: float(value) for name, value in data.held.items() if of_model or name in REACH}
     linear = Dataset.of(parts, held)
-    runs = dict.fromkeys(linear.runs)
-    return {run: _own_line(run, linear, within, known) for run in runs}
-
-
-def _own_line(
-    run: str,
-    data: Dataset,
-    bounds: Mapping[str, tuple[float, float]],
-    estimates: Mapping[str, float],
-) -> float:
-    used = used_by([part for part in data.parts if run in part.groups.runs], bounds)
-    within = box({name: bounds[name] for name in bounds if name in used})
-    pairs = list(zip(data.labels, data.runs, strict=True))
-    single = noise.silenced([label for label, name in pairs if name != run], data)
-    start = {name: estimates[name] for name in within.names}
-    best = costly_fit(dataset.stacked, within, single, starts=start, **CLOSE)
-    residuals = dataset.residual_by_label(best.residual, single)
-    error = dataset.error_by_label(residuals, single)
-    return rms([error[label] for label, name in pairs if name == run and label in error])
+    pairs = list(zip(linear.labels, linear.runs, strict=True))
+    errors = {}
+    for run in dict.fromkeys(linear.runs):
+        used = used_by([part for part in linear.parts if run in part.groups.runs], within)
+        prior = box({name: within[name] for name in within if name in used})
+        single = noise.silenced([label for label, name in pairs if name != run], linear)
+        start = {name: known[name] for name in prior.names}
+        best = costly_fit(dataset.stacked, prior, single, starts=start, **CLOSE)
+        residuals = dataset.residual_by_label(best.residual, single)
+        error = dataset.error_by_label(residuals, single)
+        of_run = [error[label] for label, name in pairs if name == run and label in error]
+        errors[run] = rms(of_run)
+    return errors

@@ -192,7 +192,8 @@ def instruments_sentence(stated: Instruments, sensors: Sensors | None) -> str:
         return messages.LEFT_OUT
     if sensors is None:
         return messages.NOT_INCLUDED
-    included = [messages.of_clock(stated.fs_std)] if _clocked(stated, sensors) else []
+    has_clock = stated.fs_std > 0 and not sensors.is_prescribed
+    included = [messages.of_clock(stated.fs_std)] if has_clock else []
     roles = (sensors.response, sensors.source)
     included += [
         f"{role} ({stated.gain_std[role]:.2g})" for role in roles if role in stated.gain_std
@@ -200,10 +201,6 @@ def instruments_sentence(stated: Instruments, sensors: Sensors | None) -> str:
     lacking = [] if stated.fs_std or sensors.is_prescribed else ["`fs_std`"]
     lacking += [f"`gain_std` of {role}" for role in roles if role and role not in stated.gain_std]
     return messages.included(included, lacking)
-
-
-def _clocked(stated: Instruments, sensors: Sensors) -> bool:
-    return stated.fs_std > 0 and not sensors.is_prescribed
 
 
 def as_recorded(before: xr.Dataset, after: xr.Dataset) -> xr.Dataset:

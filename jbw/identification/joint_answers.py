@@ -27,6 +27,7 @@ from jbw.oscillator.modes.assembled import STIFFNESS, factor_name, laws_at, moti
 from jbw.oscillator.modes.parameters import DRIVEN
 from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
+from jbw.results.stored import finite
 
 JOINTS = "joints"
 # A joint's effect is identified if the ratio of the ends of its 99 % interval is smaller than this.
@@ -270,7 +271,7 @@ def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
     quantiles = [str(q) for q in group["quantile"].values]
 
     def bands(row: xr.DataArray) -> dict[str, float | None]:
-        return {q: _plain(x) for q, x in zip(quantiles, row.values, strict=True)}
+        return {q: finite(x) for q, x in zip(quantiles, row.values, strict=True)}
 
     modes = [
         {
@@ -286,7 +287,7 @@ def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
         {
             "joint": str(joint),
             "verdict": "identified" if bool(of_joint["identified"]) else "unidentified",
-            "energy_share": [_plain(x) for x in of_joint["energy_share"].values],
+            "energy_share": [finite(x) for x in of_joint["energy_share"].values],
             **{name: [bands(of_joint[name].sel(mode=mode)) for mode in group["mode"].values]
                for name in ("energy_share_at_motion", "loss_share", "softening_share")},
         }
@@ -294,10 +295,6 @@ def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
         for of_joint in [of_joint.squeeze("joint")]
     ]  # fmt: skip
     return {"modes": modes, "joints": joints}
-
-
-def _plain(x: Any) -> float | None:
-    return float(x) if np.isfinite(x) else None
 
 
 def backbones_group(data: Dataset, modes: JointModes) -> xr.Dataset:

@@ -242,23 +242,14 @@ def _ratios(
     The result is clipped to the range of the known ratios. It is one if the first ratio is unknown.
     """
     rows = ratios.reshape(-1, len(chosen))
-    return np.stack([_linear(row, steps, chosen) for row in rows]).reshape(
-        *ratios.shape[:-1], len(steps)
-    )
-
-
-def _linear(
-    ratios: Float[np.ndarray, " some"],
-    steps: Float[np.ndarray, "draw parameter"],
-    chosen: Int[np.ndarray, " some"],
-) -> Float[np.ndarray, " draw"]:
-    """Extend one ratio that is known only for some draws to all draws, by linear regression."""
-    if not np.isfinite(ratios[0]):
-        return np.ones(len(steps))
-    is_known = np.isfinite(ratios)
-    known = ratios[is_known]
-    slopes = np.linalg.lstsq(steps[chosen[is_known]], known - known[0], rcond=None)[0]
-    return np.clip(known[0] + steps @ slopes, known.min(), known.max())
+    extended = np.ones((len(rows), len(steps)))
+    for row, whole in zip(rows, extended, strict=True):
+        is_known = np.isfinite(row)
+        if is_known[0]:
+            known = row[is_known]
+            slopes = np.linalg.lstsq(steps[chosen[is_known]], known - known[0], rcond=None)[0]
+            whole[:] = np.clip(known[0] + steps @ slopes, known.min(), known.max())
+    return extended.reshape(*ratios.shape[:-1], len(steps))
 
 
 class _DrivenJoints(eqx.Module):

@@ -27,7 +27,7 @@ from scipy.special import softmax
 from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.checks import Checks, seen_hysteresis
-from jbw.identification.curved import WeightedDraws, is_curved, solvable_draws, weighted_draws
+from jbw.identification.curved import is_curved, solvable_draws, weighted_draws
 from jbw.identification.equivalent import effects
 from jbw.identification.free_decays import FreeDecays, decays_in
 from jbw.identification.gain_units import with_gain_units
@@ -97,23 +97,26 @@ def about_fit(
     started = perf_counter()
     curved = weighs and is_curved(ready)
     weighted = weighted_draws(key, ready, NUM_CHAINS, NUM_DRAWS) if curved else None
-    draws = laplace_draws(key, ready) if weighted is None else weighted.draws
+    draws, effective = weighted or (laplace_draws(key, ready), None)
     if curved and weighted is None:
         draws = solvable_draws(key, *draws, ready.data)
-    tree = with_gain_units(laplace_tree(ready, draws, weighted), seen.tests)
+    tree = with_gain_units(laplace_tree(ready, draws, effective), seen.tests)
     joint = JointPosterior("joint", tree, ready, ready.wall_s + perf_counter() - started)
     in_fit = None if seen.decays is None else decays_in(ready.data)
-    return Posteriors(joint, checks_of_fit(joint, weighted), FreeDecays(in_fit))
+    return Posteriors(joint, checks_of_fit(joint, effective), FreeDecays(in_fit))
 
 
 def laplace_tree(
     ready: Fitted,
     draws: tuple[np.ndarray, Mapping[str, np.ndarray]],
-    weighted: WeightedDraws | None,
+    effective: float | None,
 ) -> xr.DataTree:
-    """Return weighted or Gaussian draws near a fit, in the groups of a sampler's result."""
+    """Return draws near a fit, in the groups of a sampler's result.
+
+    The draws represent `effective` weighted points, or the fit's Gaussian approximation if None.
+    """
     lp, theta = draws
-    meant = messages.LOG_DENSITY if weighted is None else messages.LOG_LIKELIHOOD
+    meant = messages.LOG_DENSITY if effective is None else messages.LOG_LIKELIHOOD
     low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
     dims, shape = ("chain", "draw"), (NUM_CHAINS, NUM_DRAWS)
     posterior = xr.Dataset(
@@ -138,8 +141,11 @@ def laplace_tree(
     return tree
 
 
-def checks_of_fit(joint: JointPosterior, weighted: WeightedDraws | None) -> Checks:
-    """Return the checks of a fit that has no posterior draws: its findings and statements."""
+def checks_of_fit(joint: JointPosterior, effective: float | None) -> Checks:
+    """Return the checks of a fit that has no posterior draws: its findings and statements.
+
+    `effective` is the effective number of weighted points; None for a Gaussian approximation.
+    """
     started, ready = perf_counter(), joint.fitted
     modes = joint_modes(joint.draws, ready.data, ready.fit.theta)
     joints = None if modes is None else joints_group(joint.draws, ready.data, modes)
@@ -148,8 +154,9 @@ def checks_of_fit(joint: JointPosterior, weighted: WeightedDraws | None) -> Chec
     sentences += [
         messages.at_bound(parameter, side) for parameter, side in ready.fit.at_bound.items()
     ]
+    intervals = {"intervals": messages.intervals_of_fit(effective)}
     findings = [
-        not_sampled(weighted),
+        Finding("not_sampled", "not assessed", intervals, float("nan")),
         *([] if of_joints is None else [of_joints]),
         *doubts_of_fit(joint.draws, ready),
     ]
@@ -299,10 +306,3 @@ def _covariance_of_offsets(
     return run_covariance + np.kron(
         numbers[:, None] == numbers, np.diag(scatter[num_offsets:] ** 2)
     )
-
-
-def not_sampled(weighted: WeightedDraws | None) -> Finding:
-    """Return the finding that a quick answer replaced posterior draws by an approximation."""
-    effective = None if weighted is None else weighted.effective
-    values = {"intervals": messages.intervals_of_fit(effective)}
-    return Finding("not_sampled", "not assessed", values, float("nan"))

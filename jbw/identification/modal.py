@@ -320,14 +320,14 @@ def fit_modes(
     return fit
 
 
-def line_of(fit: ModalFit, mode: int = 0, output: int = 0) -> LineFit:
-    """Return one mode at one output of a modal fit, in the form of a single-mode line fit."""
+def line_of(fit: ModalFit) -> LineFit:
+    """Return the first mode at the first output of a modal fit as the line fit of a single mode."""
     num = len(fit.omega)
-    read = [mode, num + mode, 2 * num + mode * fit.residues.shape[1] + output]
+    read = [0, num, 2 * num]
     omega_n, zeta, gain = map(float, fit.theta[read])
     return LineFit(
         omega_n, zeta, gain, covariance=fit.covariance[np.ix_(read, read)],
-        upper=float(fit.upper[output]), lower=float(fit.lower[output]), chi_square=fit.chi_square,
+        upper=float(fit.upper[0]), lower=float(fit.lower[0]), chi_square=fit.chi_square,
         dof=fit.dof, num_lines=fit.num_lines, band_hz=fit.band_hz, smeared=fit.smeared,
     )  # fmt: skip
 

@@ -323,7 +323,8 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
     """Return the errors of frequency, damping and response of a run, at the fit without it."""
     data, names = known.data, list(fit.theta)
     rows = residual_at(stacked, fit.x, prior, data)
-    labels = [label for label in _labels_of(run, data) if label in size_by_label(data)]
+    sizes, pairs = size_by_label(data), zip(data.labels, data.runs, strict=True)
+    labels = [label for label, name in pairs if name == run and label in sizes]
     columns = [[i for i, n in enumerate(names) if plain(n) == name] for name in OFFSETS]
     by_own = np.stack([known.jacobian[:, indices].sum(axis=1) for indices in columns], axis=1)
     jacobian, slopes = (
@@ -393,7 +394,8 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     amplitudes, repeated = amplitudes_of_runs(data, natural), _noise_of_repeats(data)
     residuals, slopes = residual_by_label(best.residual, data), slopes_of(best, prior, data)
     noise = _noise_alike(residuals, data) | repeated
-    stay_in = _decays(data) - {run for group in fits for run in group}
+    decays = {run for part in data.parts if part.own_shifts for run in part.groups.runs}
+    stay_in = decays - {run for group in fits for run in group}
     # If the decays of a test are partly held out, the remaining ones took part in the fit.
     fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}
     shown = {
@@ -578,21 +580,12 @@ def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
     return {run: y for part in data.parts for run, y in part.shown(omega_n).begins.items()}
 
 
-def _decays(data: Dataset) -> set[str]:
-    """Return the names of the free decays' runs in a dataset."""
-    return {run for part in data.parts if part.own_shifts for run in part.groups.runs}
-
-
 def _drift(run: str, fit: Fit, data: Dataset) -> LeftOutDecay | None:
     """Return the drift of a free decay of one mode from its prediction; None for other runs."""
     part: Any = next(part for part in data.parts if run in part.groups.runs)
     if not part.own_shifts or part.several:
         return None
     return drift_from_beginning(as_arrays(fit.theta, data), part, run)
-
-
-def _labels_of(run: str, data: Dataset) -> list[str]:
-    return [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]
 
 
 def _end_to_end(

@@ -233,27 +233,16 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
     data = dataset.remembering(best.theta, data)
     if dataset.halved(data) is None:
         return data
-    theta, near = _about(key, data, prior, best)
+    # Draws with the covariance of the fit lie outside a curved posterior: the median of their log
+    # likelihood is then farther below that of the fit than one per parameter (a Gaussian has one
+    # half). Every posterior is nearly Gaussian close to the fit, so their steps are reduced.
+    steps = steps_about(key, best, NUM_DRAWS)
+    values = at_points(dataset.log_likelihood, points_at(steps, best, prior), data).sum(axis=1)
+    near = 1.0 if values[0] - np.median(values) <= len(best.theta) else NEAR
+    theta = points_at(near * steps, best, prior)
     for _ in range(int(np.log2(MOST_SUBSTEPS)) - 1):
         change = solver_change(theta, data)
         if change is None or np.std(change) < near * AMPLE * SHIFT:
             break
         data = dataset.halved(data) or data
     return data
-
-
-def _about(
-    key: Key[Array, ""], data: Dataset, prior: Box, best: Fit
-) -> tuple[dict[str, np.ndarray], float]:
-    r"""Draw from the covariance of a fit, with steps scaled by a factor; return draws and factor.
-
-    The factor is 1, unless the posterior is curved. Unscaled draws then lie outside the posterior:
-    the median of their log likelihood lies farther below that of the fit than one per parameter (a
-    Gaussian has one half). The factor is then small, because every posterior is nearly Gaussian
-    close to the fit.
-    """
-    steps = steps_about(key, best, NUM_DRAWS)
-    points = points_at(steps, best, prior)
-    values = at_points(dataset.log_likelihood, points, data).sum(axis=1)
-    near = 1.0 if values[0] - np.median(values) <= len(best.theta) else NEAR
-    return points_at(near * steps, best, prior), near

@@ -132,9 +132,10 @@ def _with_neighbour(
     wider_fit = refit(accepted.fit, wider, data, theta=begun)
     if not _falls(accepted.fit, wider_fit, GROWTH if omega is None else 0.0):
         return accepted
-    return Taken(
-        wider, wider_fit, (*accepted.words, _neighbour_sentence(names, accepted.fit, wider_fit))
-    )
+    omega_next, zeta, share = (wider_fit.theta[name] for name in names)
+    falls = 1 - wider_fit.cost / accepted.fit.cost
+    sentence = messages.neighbour(omega_next / (2 * np.pi), zeta, share, falls)
+    return Taken(wider, wider_fit, (*accepted.words, sentence))
 
 
 def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float, float] | None:
@@ -172,8 +173,3 @@ def _constants_sentence(names: tuple[str, ...], fit: Fit, share: float) -> str:
         for name in names
     )
     return messages.outside_band(terms, share)
-
-
-def _neighbour_sentence(names: tuple[str, ...], before: Fit, fit: Fit) -> str:
-    omega, zeta, share = (fit.theta[name] for name in names)
-    return messages.neighbour(omega / (2 * np.pi), zeta, share, 1 - fit.cost / before.cost)

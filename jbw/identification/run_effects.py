@@ -375,7 +375,10 @@ def slope_of(x: Values, offset: Values, std: Values) -> tuple[float, float, floa
     With equal errors it is the ordinary least-squares slope. The result is the slope, its standard
     error, and the probability of such a slope by chance.
     """
-    weight = 1 / (std**2 + _scatter_of_offsets(offset, std))
+    chi_square, scale = moments_of(offset, std)
+    # the variance between runs beyond their standard errors
+    variance = max(0.0, (chi_square - (len(offset) - 1)) / scale)
+    weight = 1 / (std**2 + variance)
     middle = np.average(x, weights=weight)
     spread = np.sum(weight * (x - middle) ** 2)
     value = float(np.sum(weight * (x - middle) * offset) / spread)
@@ -383,12 +386,6 @@ def slope_of(x: Values, offset: Values, std: Values) -> tuple[float, float, floa
     dof = len(x) - 2
     error = float(np.sqrt(np.sum(weight * residual**2) / dof / spread))
     return value, error, float(2 * stats.t.sf(abs(value) / error, dof))
-
-
-def _scatter_of_offsets(offset: Values, std: Values) -> float:
-    """Return the variance between runs beyond their standard errors."""
-    chi_square, scale = moments_of(offset, std)
-    return max(0.0, (chi_square - (len(offset) - 1)) / scale)
 
 
 def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:

@@ -10,7 +10,7 @@ $$\log \int e^{-\chi^2/2} \approx -\tfrac12 \hat\chi^2 + \tfrac12 \log\det\Sigma
 with the covariance limited by the box, more of the posterior then lies on the plain.
 """
 
-from collections.abc import Mapping, Set
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,12 @@ def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
     )
     if not (here.size and law_names):
         return []
-    points = _towards_bounds(law_names, best, prior)
+    # At each point one parameter of the laws has moved from the fit towards a bound.
+    s = to_search(best.x, prior)
+    moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in law_names
+             for end in (0.0, 1.0)]  # fmt: skip
+    steps = SHARES[:, None, None] * np.array(moved)
+    points = parameters_at((s + steps).reshape(-1, len(s)), prior)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
     likelihood = np.nan_to_num(likelihood, nan=-np.inf)
     sides = reached(points, best.theta, data)
@@ -65,11 +70,3 @@ def fitted_displacement(theta: Mapping[str, float], data: Dataset) -> float:
 def log_evidence(found: Fit) -> float:
     """Return the log evidence by Laplace's approximation, without terms common to all fits."""
     return float(0.5 * np.linalg.slogdet(found.covariance)[1] - found.cost)
-
-
-def _towards_bounds(law_names: Set[str], best: Fit, prior: Box) -> dict[str, np.ndarray]:
-    """Return points at which one parameter of the laws has moved from the fit towards a bound."""
-    s = to_search(best.x, prior)
-    moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in law_names
-             for end in (0.0, 1.0)]  # fmt: skip
-    return parameters_at((s + SHARES[:, None, None] * np.array(moved)).reshape(-1, len(s)), prior)

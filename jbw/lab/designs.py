@@ -183,11 +183,8 @@ def _linear(campaign: Campaign) -> LinearStep:
     noise = linear_test(campaign.tests)
     if noise is None:
         raise DataError("Steps 3 and 4 need a noise test for Step 2, which the campaign lacks.")
-    return linear_step(noise, _gain(campaign, noise), campaign.settings.modes)
-
-
-def _gain(campaign: Campaign, test: Test) -> float | None:
-    return gain_of(force_per_unit(campaign), drive_of(test))
+    gain = gain_of(force_per_unit(campaign), drive_of(noise))
+    return linear_step(noise, gain, campaign.settings.modes)
 
 
 def _kernel_fit(campaign: Campaign, linear: LinearStep) -> step3.KernelFit:

@@ -234,9 +234,12 @@ def _tree(
     """Return scores, curves, loops, residuals and posteriors of all laws, by path."""
     named = {name: law.candidate for name, law in weighed.items()}
     y_peak = max(law.fitted.y_peak for law in named.values())
+    hopeless = [row.hopeless for row in record.laws.values()]
     return {
         "/scores": _scores(_left_out(weighed), record.runs, record.lines),
-        "/curves": _curves(weighed, y_peak).assign(hopeless=_hopeless(record.laws)),
+        "/curves": _curves(weighed, y_peak).assign(
+            hopeless=("law", hopeless, {"long_name": messages.FIT_ALONE})
+        ),
         "/loops": loops(named, y_peak),
         "/residuals": residuals(named, record.highest),
         **{path: group for path, group in besides.items() if group is not None},
@@ -277,37 +280,31 @@ def _trials(
     campaign: Campaign, laws: Sequence[str | Sequence[str]] | None
 ) -> tuple[tuple[tuple[str, ...], ...], str]:
     """Return the sets of laws to compare (by default the usual ones), and a sentence on them."""
-    chosen = None if laws is None else _chosen(laws)
+    chosen = None
+    if laws is not None:
+        parted = (_parts(names) if isinstance(names, str) else tuple(names) for names in laws)
+        chosen = list(dict.fromkeys(parted))
+        for names in chosen:
+            laws_named(names)  # An unknown name raises an error.
     if campaign.joints is not None:
         return trials_at_joints(campaign.laws, chosen)
-    return tuple(_usual(campaign) if chosen is None else chosen), ""
-
-
-def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
-    """Return those usual laws that are registered, and the campaign's own laws."""
+    if chosen is not None:
+        return tuple(chosen), ""
+    # The usual laws that are registered are compared with the campaign's own laws.
     has_loops = any(test.traits.is_prescribed for test in campaign.tests)
     usual = [_parts(names) for names in (*USUAL, *(OF_LOOPS if has_loops else ()))]
-    available = [names for names in usual if all(_known(name) for name in names)]
-    return list(dict.fromkeys([*available, campaign.laws]))
-
-
-def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
-    """Return the named sets of laws, each of them once."""
-    parted = (_parts(names) if isinstance(names, str) else tuple(names) for names in laws)
-    sets = list(dict.fromkeys(parted))
-    for names in sets:
-        laws_named(names)
-    return sets
+    available = [
+        names
+        for names in usual
+        if all(name in LAWS or name.rpartition("_")[0] in FAMILIES for name in names)
+    ]
+    return tuple(dict.fromkeys([*available, campaign.laws])), ""
 
 
 def _parts(name: str) -> tuple[str, ...]:
     """Return the names of laws that a text joins by +; empty for the linear structure."""
     parts = [part.strip() for part in name.split("+")]
     return tuple(part for part in parts if part not in ("", "linear"))
-
-
-def _known(name: str) -> bool:
-    return name in LAWS or name.rpartition("_")[0] in FAMILIES
 
 
 def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
@@ -361,12 +358,6 @@ def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
             "amplitude", amplitude, {"units": "m"})},
         {"y_fitted": float(y_peak)},
     )  # fmt: skip
-
-
-def _hopeless(rows: Mapping[str, StoredLaw]) -> tuple[str, list[bool], dict[str, str]]:
-    """Return a labelled array that states which laws are judged by their fits alone."""
-    attrs = {"long_name": messages.FIT_ALONE}
-    return "law", [row.hopeless for row in rows.values()], attrs
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:

@@ -204,12 +204,6 @@ def cycles_of(loop: ForcedLoop) -> list[Cycle]:
     return [_cycle(loop, first, last) for first, last in pairwise(turns)]
 
 
-def _between_passages(loop: ForcedLoop) -> list[Cycle]:
-    """Return the whole cycles of a loop, each from one upward passage of the middle to the next."""
-    crossings = passages(loop.displacement)
-    return [_cycle(loop, *ends) for ends in zip(crossings[:-2:2], crossings[2::2], strict=False)]
-
-
 def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
     """Return a force loop's cycle between two samples, both included."""
     samples = slice(first, last + 1)
@@ -244,7 +238,9 @@ def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
     """Return amplitude, stiffness and losses of every whole cycle of a loop, in order."""
     readings: list[CycleReading] = []
     first: dict[int, float] = {}
-    cycles = _between_passages(loop)
+    # A cycle lasts from one upward passage of the middle to the next.
+    ends = passages(loop.displacement)
+    cycles = [_cycle(loop, *pair) for pair in zip(ends[:-2:2], ends[2::2], strict=False)]
     groups = _amplitudes(cycles)
     for cycle, group in zip(cycles, groups, strict=True):
         y, force = loop.displacement[cycle.samples], loop.force[cycle.samples]

@@ -118,7 +118,8 @@ def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
         if traits.is_periodic and test.periods > 1:
             sentences += _multisine(test, u, y, fs)
         elif traits.is_broadband:
-            sentences += _noise(u, y, fs, role)
+            coherence = coherence_at_resonance(u, y, fs, role)
+            sentences.append(messages.coherence_of_noise(*coherence))
         else:
             sentences += _repeats(u, y)
             sentences += _sweep(u, y, fs) if traits.is_transient else []
@@ -183,12 +184,6 @@ def _multisine(
     present = [(name, share) for name, (share, count) in shares.items() if count]
     if present:
         yield messages.idle_lines(present, idle.noise)
-
-
-def _noise(
-    u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: Motion
-) -> Iterator[str]:
-    yield messages.coherence_of_noise(*coherence_at_resonance(u, y, fs, role))
 
 
 def coherence_at_resonance(
@@ -256,11 +251,12 @@ def repeatability(y: ArrayLike) -> Repeatability:
     noise = rest / degrees[1]
     # Coloured noise is stronger where the response is, so the comparison is within its band.
     ratio = explained / degrees[0] / max(_in_band(deviations, mean), noise, 1e-300)
+    num_values = 2 * int(np.sum(_band(mean)))  # the band's lines are complex
     return Repeatability(
         scatter=float(np.sqrt(np.sum(deviations**2) / ((count - 1) * length) / power)),
         noise=float(np.sqrt(noise / power)),
         size=float(np.std(along[:, 0], ddof=1) / np.sqrt(length * power)),
-        p=float(f_distribution.sf(ratio, degrees[0], max(_lines(mean) * (count - 1), 1))),
+        p=float(f_distribution.sf(ratio, degrees[0], max(num_values * (count - 1), 1))),
         num_repeats=count,
     )
 
@@ -269,10 +265,6 @@ def _band(mean: np.ndarray) -> np.ndarray:
     """Return a mask of the response's spectral lines above a hundredth of the largest line."""
     size = np.abs(np.fft.rfft(mean))
     return size > 0.01 * size.max()
-
-
-def _lines(mean: np.ndarray) -> int:
-    return 2 * int(np.sum(_band(mean)))
 
 
 def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:

@@ -56,7 +56,8 @@ def interpolated(
     """
     reach = int(np.ceil(REACH * stretch))
     offsets = np.arange(1 - reach, reach + 1)
-    padded = _mirrored(x, reach)
+    # The signal is extended by its mirror image at both ends, repeatedly if necessary.
+    padded = np.asarray(np.pad(x, reach, mode="reflect", reflect_type="odd"), np.float64)
     values = []
     for first in range(0, len(place), max(1, int(CHUNK / stretch))):
         at = place[first : first + max(1, int(CHUNK / stretch))]
@@ -67,11 +68,6 @@ def interpolated(
         # constant then stays unchanged.
         values.append(np.sum(weight * rows, axis=1) / np.sum(weight, axis=1))
     return np.concatenate(values) if values else np.zeros(0)
-
-
-def _mirrored(x: Reals, reach: int) -> Reals:
-    """Return a signal extended by its mirror image at both ends, repeatedly if necessary."""
-    return np.asarray(np.pad(x, reach, mode="reflect", reflect_type="odd"), np.float64)
 
 
 def _kernel(away: Reals) -> Reals:

@@ -1,8 +1,8 @@
-"""Campaign lines that exclude bad parts of records, by a span of time or by file names."""
+"""Campaign lines that shorten records or leave them out, by a span of time or by file names."""
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from glob import escape
 from pathlib import Path
 from typing import Any
@@ -11,13 +11,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jbw.measurement.channels import Reals
+from jbw.measurement.kinds import Kind
 from jbw.measurement.records import RESPONSES, Record
+from jbw.measurement.spectra import strongest_line
+from jbw.report.messages import reading as messages
 from jbw.report.messages import remedies
 
 DIGITS = 6  # digits of the ends of a proposed span, relative to its length
 LEAST = 0.05  # share of a record below which a part is not worth keeping
 MOST = 0.1  # share of the response's energy below which a part is not worth keeping
 SPAN = "span"  # key of a record's provenance
+LONG = 60_000  # number of samples from which a fit takes minutes
+DRIFTS = 8  # smallest number of cycles in a record; a motion with fewer cycles is a drift
+STILL = 0.005  # Below this fraction of the largest response a structure counts as at rest.
+SPARED = 0.1  # A proposal must save at least this fraction of the samples.
+PER_CYCLE = 64  # sufficient number of samples per cycle of the strongest frequency
 
 
 def span_words(span: tuple[float, float]) -> str:
@@ -204,3 +212,48 @@ def toml_table(values: Mapping[str, Any], **blanks: str) -> str:
     return (
         f"{{ {', '.join(f'{role} = {written}' for role, written in (stated | blanks).items())} }}"
     )
+
+
+def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
+    """Propose a shorter span and a lower sampling frequency for a record with very many samples.
+
+    `span` cuts samples of rest at either end; a new export lowers a rate of more than 64 samples
+    per cycle of the strongest frequency. The time of a fit falls with the number of samples.
+    `name` and `traits` belong to the test.
+    """
+    total = record.num_samples
+    if total < LONG or traits.is_curve or traits.is_broadband:
+        return
+    response = np.nan_to_num(record.channels[record.response])
+    # the level at rest, if most of the record is at rest
+    response = response - np.median(response)
+    size = np.abs(response)
+    moving = np.flatnonzero(size > STILL * size.max())
+    if not len(moving):
+        return
+    first, last = int(moving[0]), int(moving[-1])
+    span_length = last - first + 1
+    proposals = []
+    if total - span_length > SPARED * total:
+        # Times are rounded outwards, to a power of ten of at most a hundredth of the record.
+        step = 10.0 ** np.floor(np.log10(total / record.fs / 100))
+        ends = (
+            float(f"{np.floor(first / record.fs / step) * step:.12g}"),
+            float(f"{np.ceil((last + 1) / record.fs / step) * step:.12g}"),
+        )
+        part = min(1.0, (ends[1] - ends[0]) * record.fs / total)
+        line = span_line(*ends, start_of(record))
+        proposals.append(messages.rests(ends[0], ends[1], part, line))
+    fs, hz = record.fs, strongest_line(response, record.fs, lowest=DRIFTS)
+    every = int(fs / (PER_CYCLE * hz))
+    if every > 1:
+        proposals.append(messages.oversampled(fs / hz, hz, _ordinal(every), fs / every, every))
+    if proposals:
+        yield messages.long_record(name, total, proposals)
+
+
+def _ordinal(number: int) -> str:
+    if number < 4:
+        return {2: "second", 3: "third"}.get(number, "first")
+    ending = {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{'th' if 10 < number % 100 < 14 else ending}"

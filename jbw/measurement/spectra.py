@@ -379,17 +379,16 @@ def _warn_when_coarse(estimate: FRF) -> None:
     )
 
 
-def strongest_line(x: Reals, fs: float, *, window: Window = "hann", lowest: int = 1) -> float:
+def strongest_line(x: Reals, fs: float, *, lowest: int = 1) -> float:
     r"""Return the frequency of the strongest line [Hz], by a parabola through logarithms of lines.
 
     $$f = \frac{f_s}{N}\Bigl(k + \frac{a - c}{2 (a - 2b + c)}\Bigr)$$
 
-    with a, b, c the logarithms of the lines k - 1, k, k + 1 of the windowed transform; k is at
-    least `lowest`. A decay is strongest at its beginning, which a Hann window would hide.
+    with a, b, c the logarithms of the lines k - 1, k, k + 1 of the transform with a Hann window; k
+    is at least `lowest`.
     """
     x = x[np.isfinite(x)]
-    weights = np.hanning(len(x)) if window == "hann" else np.ones(len(x))
-    size = np.abs(np.fft.rfft((x - x.mean()) * weights))
+    size = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x))))
     k = lowest + int(np.argmax(size[lowest:-1]))
     a, b, c = np.log(np.maximum(size[k - 1 : k + 2], 1e-300))
     bend = a - 2.0 * b + c

@@ -109,8 +109,13 @@ def _prospect(
 ) -> Prospect:
     if isinstance(candidate, PlannedSweep):
         y_peak = peak_displacements(candidate, beliefs, longest)
-        design = _sweep_design(candidate, beliefs.laws, noise, longest)
-        information = fisher(beliefs.joints, beliefs.names, beliefs.scale, *design)
+        planned = _planned_sweep(candidate, beliefs.laws, noise.response, longest)
+        groups = changed(planned.groups, noise_std=np.full(1, noise.std))
+        data = Dataset.of([replace(planned, groups=groups)])
+        # The sweep is padded to the longest one; the padding contains no information.
+        is_measured = np.arange(planned.mean.shape[1]) < candidate.num_samples
+        mask = is_measured.astype(float)
+        information = fisher(beliefs.joints, beliefs.names, beliefs.scale, data, mask)
         return _found(candidate, information, y_peak)
     if isinstance(candidate, PlannedBackbone):
         y_peak, designs = _backbone_designs(candidate, beliefs, noise)
@@ -157,16 +162,6 @@ def _planned_sweep(
     units = {"input": "V", response: UNIT_OF[response]}
     test = Test("sweep", (Record(candidate.fs, channels, units),), name="planned")
     return Records.of([test], laws=laws, substeps=SUBSTEPS)
-
-
-def _sweep_design(
-    candidate: PlannedSweep, laws: tuple[str, ...], noise: ResponseNoise, longest: int
-) -> Design:
-    """Return a planned sweep as data for the model, with a mask that excludes the padding."""
-    planned = _planned_sweep(candidate, laws, noise.response, longest)
-    groups = changed(planned.groups, noise_std=np.full(1, noise.std))
-    is_measured = np.arange(planned.mean.shape[1]) < candidate.num_samples
-    return Dataset.of([replace(planned, groups=groups)]), is_measured.astype(float)
 
 
 def _tones_designs(

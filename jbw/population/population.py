@@ -188,9 +188,10 @@ def population_of(
     report(messages.sampling_stage(num, int(units.weighed.sum())))
     draws = parts("all units", lambda: sampler(units, design, prior, FULL)(key, every))
     belongs = belonging(key, units, design, prior, draws, report, parts)
-    result = record_of(fleet, Pooling(coordinates, units, design, prior, draws), belongs)
+    population = Population(coordinates, design, prior, draws, {})
+    result = record_of(fleet, population, units, belongs)
     record = result.replaced(statements=statements(result)).plain()
-    return Population(coordinates, design, prior, draws, record)
+    return population._replace(record=record)
 
 
 def covariates_in(fleet: xr.DataTree) -> CovariateDesign:
@@ -281,24 +282,17 @@ def _design_rows(
     return jnp.einsum("kip,ij->kijp", x, jnp.eye(d)).reshape(len(x), d, -1)
 
 
-class Pooling(NamedTuple):
-    """The draws of a population model, with its data and priors."""
-
-    pooled: Pooled
-    units: UnitPosteriors
-    design: CovariateDesign
-    prior: Prior
-    draws: Draws
-
-
 def record_of(
-    fleet: xr.DataTree, pooling: Pooling, belongs: Float[np.ndarray, " unit"]
+    fleet: xr.DataTree,
+    population: Population,
+    units: UnitPosteriors,
+    belongs: Float[np.ndarray, " unit"],
 ) -> StoredPopulation:
     """Return all results of a population as a record.
 
     `belongs` is the result of `belonging`.
     """
-    pooled, units, design, prior, draws = pooling
+    pooled, design, prior, draws, _ = population
     root, names = fleet.to_dataset(), unit_names(fleet)
     torque = root["torque"].values.tolist()
     record = {

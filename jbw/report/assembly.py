@@ -234,27 +234,21 @@ def mode_backbones(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: one column per mode, with its frequency, its equivalent damping ratio and its shape.
     """
     group = branch(tree, BACKBONES, "frequency_hz", "damping", "shape", "displacement")
-    chosen = [mode for mode in group["mode"].values if _is_seen(group.sel(mode=mode))]
+    of_modes = {int(mode): group.sel(mode=mode) for mode in group["mode"].values}
+    chosen = {n: x for n, x in of_modes.items() if np.isfinite(x["displacement"]).all()}
     if not chosen:
         raise DataError(
             "The first response point hardly moves in the modes that the tests drive, so that no "
             "backbone can be drawn at this point."
         )
     axes, columns = mode_columns(ax, len(chosen))
-    for mode, column in zip(chosen, columns, strict=True):
-        _draw_bands(column, group.sel(mode=mode))
-        title(column[0], labels.mode_at(int(mode), _stuck_hz(group.sel(mode=mode))))
+    for (mode, of_mode), column in zip(chosen.items(), columns, strict=True):
+        _draw_bands(column, of_mode)
+        # The joints are stuck at the smallest amplitude.
+        stuck_hz = float(of_mode["frequency_hz"].values[0, 1])
+        title(column[0], labels.mode_at(mode, stuck_hz))
     ylabels = ("frequency [Hz]", "damping ratio [%]", labels.OVER_MODE)
     return finish(axes, ax, "", ylabels)
-
-
-def _is_seen(of_mode: xr.Dataset) -> bool:
-    return bool(np.isfinite(of_mode["displacement"]).all())
-
-
-def _stuck_hz(of_mode: xr.Dataset) -> float:
-    """Return a mode's frequency at the smallest amplitude [Hz]."""
-    return float(of_mode["frequency_hz"].values[0, 1])
 
 
 def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:

@@ -148,17 +148,9 @@ class StepOutcome(NamedTuple):
     status: str = ""
 
 
-class StepBox(NamedTuple):
-    """The box of one step in the drawing; it is omitted if the step was not run."""
-
-    name: str
-    does: str
-    outcomes: list[StepOutcome]
-
-
-def _height(box: StepBox) -> float:
+def _height(outcomes: list[StepOutcome]) -> float:
     """Return the height of a step's box [in], with space for a name of two lines."""
-    return 2 * PAD + LINE * max(2, sum(1 + outcome.words.count("\n") for outcome in box.outcomes))
+    return 2 * PAD + LINE * max(2, sum(1 + outcome.words.count("\n") for outcome in outcomes))
 
 
 def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
@@ -172,36 +164,36 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """
     facts = branch(tree, "procedure", "verdict", "ess", "r_hat")
     boxes = [
-        StepBox("Step 2", "linear regime,\nline fit", _line_fit(tree)),
-        StepBox("Step 3", "third-order kernel\nH₃", _sampled(tree, facts, "third_order_")),
-        StepBox("Step 4", "γ alone,\nsweeps", _sampled(tree, facts, "opening_")),
-        StepBox("Joint", "all parameters\ntogether", _main(tree, facts)),
-        StepBox("Verification", "responses, fitted\nand held out", _verified(tree)),
-        StepBox("Validation", "hysteresis loops,\nenclosed areas", _validated(tree)),
+        ("Step 2", "linear regime,\nline fit", _line_fit(tree)),
+        ("Step 3", "third-order kernel\nH₃", _sampled(tree, facts, "third_order_")),
+        ("Step 4", "γ alone,\nsweeps", _sampled(tree, facts, "opening_")),
+        ("Joint", "all parameters\ntogether", _main(tree, facts)),
+        ("Verification", "responses, fitted\nand held out", _verified(tree)),
+        ("Validation", "hysteresis loops,\nenclosed areas", _validated(tree)),
     ]
-    boxes = [box for box in boxes if box.outcomes]
-    total = sum(map(_height, boxes)) + GAP * (len(boxes) - 1)
+    boxes = [(name, does, outcomes) for name, does, outcomes in boxes if outcomes]
+    total = sum(_height(outcomes) for *_, outcomes in boxes) + GAP * (len(boxes) - 1)
     only: Axes = panels(ax, 1, 1, height=total + 0.1)[0, 0]
     only.set(xlim=(0.0, 10.0), ylim=(-total - 0.02, 0.02))
     only.axis("off")
     top = 0.0
-    for box in boxes:
-        _draw(only, box, top)
-        top -= _height(box) + GAP
-        if box is not boxes[-1]:
+    for i, (name, does, outcomes) in enumerate(boxes, start=1):
+        _draw(only, name, does, outcomes, top)
+        top -= _height(outcomes) + GAP
+        if i < len(boxes):
             look = {**ARROW, "color": SOFT, "lw": 1.0}
             only.annotate("", (1.0, top), (1.0, top + GAP), arrowprops=look)
     return only
 
 
-def _draw(ax: Axes, box: StepBox, top: float) -> None:
+def _draw(ax: Axes, name: str, does: str, outcomes: list[StepOutcome], top: float) -> None:
     shape: dict[str, Any] = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": "none", "ec": INK}
-    height, y = _height(box), top - PAD
+    height, y = _height(outcomes), top - PAD
     ax.add_patch(FancyBboxPatch((0.03, top - height), 9.94, height, lw=0.8, **shape))
-    ax.text(0.2, y, box.name, va="top", fontsize=9, color=INK, weight="bold")
+    ax.text(0.2, y, name, va="top", fontsize=9, color=INK, weight="bold")
     look: dict[str, Any] = {"va": "top", "fontsize": 8, "linespacing": 1.5}
-    ax.text(1.7, y, box.does, color=SOFT, **look)
-    for outcome in box.outcomes:
+    ax.text(1.7, y, does, color=SOFT, **look)
+    for outcome in outcomes:
         ax.text(3.6, y, outcome.words, color=INK, **look)
         ax.text(8.7, y, outcome.mixing, color=SOFT, ha="right", **look)
         ax.text(

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jbw.report.free_band import draw_free_band
 from jbw.report.law_table import free_law_table, law_order, laws_table
-from jbw.report.measured_points import draw_points, measured_points
+from jbw.report.measured_points import draw_free_band, draw_points, measured_points
 from jbw.report.messages import free_law as free_messages
 from jbw.report.messages import laws as messages
 from jbw.report.messages import tables as notes

@@ -1,17 +1,20 @@
-"""The section of a run's page on predictions under other loads: table and figures."""
+"""Predictions under other loads in reports: the section of a run's page, its table and figures."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import xarray as xr
 from markupsafe import Markup
 
+from jbw.report import style
 from jbw.report.figures import ReportFigure, figure_of, svg
-from jbw.report.loads import load_figure
 from jbw.report.messages import loads as messages
+from jbw.report.result import arrays
+from jbw.report.style import Panels, draw_model, finish, log_y, panels, shade, title
 from jbw.report.table import Column, Table, table, words
-from jbw.report.text import NOTHING, number
+from jbw.report.text import NOTHING, axis_label, number, plain
 from jbw.results.attributes import StoredVariable
 from jbw.results.loads import LoadNumber
 from jbw.run.files import hash_of
@@ -20,6 +23,7 @@ from jbw.run.netcdf import read_tree
 FOLDER, FILE = "predictions", "loads.nc"  # folder of the output of `jbw predict`
 # attribute with the SHA-256 hash of the posterior that made the prediction
 POSTERIOR = "posterior_sha256"
+BAND_LABEL = "99 % band"
 
 
 class LoadSection(NamedTuple):
@@ -48,7 +52,7 @@ def load_section(run: Path) -> LoadSection | None:
         tree = read_tree(path)
         if tree.attrs.get(POSTERIOR) != hash_of(run / "posterior.nc"):
             return LoadSection(messages.earlier_posterior(str(run)), load_table([]))
-        found = {str(dataset.attrs["load"]): dataset for dataset in _datasets(tree)}
+        found = {str(child.attrs["load"]): child.to_dataset() for child in tree.children.values()}
         rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
         figures = [_picture(name, dataset) for name, dataset in found.items()]
         remark = messages.contains(**next(iter(found.values())).attrs)
@@ -56,10 +60,6 @@ def load_section(run: Path) -> LoadSection | None:
     except (OSError, KeyError, TypeError, ValueError, StopIteration):
         return LoadSection(messages.unreadable_loads(str(run)), load_table([]))
     return LoadSection(remark, load_table(rows), figures)
-
-
-def _datasets(tree: xr.DataTree) -> list[xr.Dataset]:
-    return [child.to_dataset() for child in tree.children.values()]
 
 
 def _picture(name: str, dataset: xr.Dataset) -> dict[str, Any]:
@@ -108,3 +108,76 @@ def _band(row: LoadNumber) -> str:
     ends = (row.low, row.median, row.high)
     low_text, text, high_text = (number(x, row.high - row.low) for x in ends)
     return f"{text} [{low_text}, {high_text}]"
+
+
+def load_figure(name: str, dataset: xr.Dataset) -> Panels:
+    """Draw a prediction of `Study.response_curve`, `notch`, `random`, `shock` or `resonance`."""
+    draw = next(
+        (draw for variable, draw in FIGURES.items() if variable in dataset.data_vars), _levels
+    )
+    axes = draw(dataset)
+    title(axes.flat[0], plain(name))
+    return axes
+
+
+def _label(values: xr.DataArray) -> str:
+    facts = StoredVariable.of(values)
+    return axis_label(facts.long_name or str(values.name), facts.units)
+
+
+def _curve(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 1, 1, height=3.2)
+    ax, (freq, up, down) = axes[0, 0], arrays(dataset, "freq", "upward", "downward")
+    draw_model(ax, freq, up, "upward sweep, median", holds=BAND_LABEL)
+    if not np.allclose(up, down, rtol=1e-3, equal_nan=True):
+        shade(ax, freq, down[0], down[2], style.SKY, messages.DOWNWARD)
+        ax.plot(freq, down[1], color=style.BLUE, lw=1.0, ls="--", label="downward sweep, median")
+    log_y(ax)
+    return finish(axes, None, axis_label("frequency", "Hz"), _label(dataset["upward"]))
+
+
+def _notch(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 1, 1, height=3.2)
+    ax, (freq, allowed, notched) = axes[0, 0], arrays(dataset, "freq", "allowed", "notched")
+    draw_model(ax, freq, allowed, "allowed, median", holds=BAND_LABEL)
+    ax.plot(freq, notched[1], color=style.BLUE, label="notched level")
+    log_y(ax)
+    unit = StoredVariable.of(dataset["allowed"]).units
+    return finish(axes, None, axis_label("frequency", "Hz"), axis_label("level", unit))
+
+
+def _random(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 1, 1, height=3.2)
+    ax = axes[0, 0]
+    draw_model(ax, *arrays(dataset, "freq", "psd"), label="median", holds=BAND_LABEL)
+    ax.set_xscale("log")
+    log_y(ax)
+    return finish(axes, None, axis_label("frequency", "Hz"), _label(dataset["psd"]))
+
+
+def _shock(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 2 if "srs" in dataset else 1, 1, height=3.2)
+    draw_model(axes[0, 0], *arrays(dataset, "time", "response"), label="median", holds=BAND_LABEL)
+    axes[0, 0].set_ylabel(_label(dataset["response"]))
+    axes[0, 0].set_xlabel(axis_label("time", "s"))
+    if "srs" in dataset:
+        draw_model(axes[1, 0], *arrays(dataset, "freq", "srs"), label="median", holds=BAND_LABEL)
+        axes[1, 0].set_xscale("log")
+        log_y(axes[1, 0])
+        axes[1, 0].set_xlabel(axis_label(messages.OF_SPECTRUM, "Hz"))
+        axes[1, 0].set_ylabel(_label(dataset["srs"]))
+    return finish(axes, None)
+
+
+def _levels(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 2, 1, height=4.2, sharex=True)
+    level: Any = dataset["level"]
+    for ax, name in zip(axes[:, 0], ("frequency", "peak"), strict=True):
+        low, middle, high = dataset[name].values
+        spread = [middle - low, high - middle]
+        ax.errorbar(level.values, middle, spread, color=style.MODEL, marker="o", ms=3, capsize=3)
+        ax.set_ylabel(_label(dataset[name]))
+    return finish(axes, None, axis_label("level", StoredVariable.of(level).units))
+
+
+FIGURES = {"upward": _curve, "allowed": _notch, "psd": _random, "response": _shock}

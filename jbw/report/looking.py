@@ -190,16 +190,14 @@ def _density_unit(record: Record, channel: str) -> str:
     return f"{unit}²/Hz" if unit.isalnum() else f"({unit})²/Hz"
 
 
-def save_overviews(
-    records: Iterable[tuple[str, Record]], folder: Path, dpi: int = 110
-) -> list[Path]:
+def save_overviews(records: Iterable[tuple[str, Record]], folder: Path) -> list[Path]:
     """Save one overview per test as PNG, from names of tests with one record each; return paths."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for place, (name, record) in enumerate(records, start=1):
         path = folder / f"{place:02d}_{re.sub(r'[^\w.-]+', '_', name)}.png"
         try:
-            channel_overview(record)[0, 0].figure.savefig(path, dpi=dpi, facecolor="white")
+            channel_overview(record)[0, 0].figure.savefig(path, dpi=110, facecolor="white")
         except OSError:
             path.unlink(missing_ok=True)  # A full disk left an incomplete file.
             raise

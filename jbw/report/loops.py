@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from jbw.report import style
-from jbw.report.free_band import draw_free_band
-from jbw.report.measured_points import draw_points, measured_points
+from jbw.report.measured_points import draw_free_band, draw_points, measured_points
 from jbw.report.messages import figures as labels
 from jbw.report.records import short
 from jbw.report.result import (
@@ -171,12 +170,12 @@ def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:
         ax.plot(y, test["linear_force"] / KILO, color=SOFT, lw=0.8, ls=":", label="linear spring")
 
 
-def monotone(y: Curve, least: float = 0.05) -> list[NDArray[np.intp]]:
+def monotone(y: Curve) -> list[NDArray[np.intp]]:
     """Return slices between the main turning points of a displacement.
 
-    Turning points that differ by less than `least` of the whole range are ignored.
+    Turning points that differ by less than 5 % of the whole range are ignored.
     """
-    turns = [find_peaks(sign * y, prominence=least * np.ptp(y))[0] for sign in (1.0, -1.0)]
+    turns = [find_peaks(sign * y, prominence=0.05 * np.ptp(y))[0] for sign in (1.0, -1.0)]
     ends = [0, *np.sort(np.concatenate(turns)), y.size - 1]
     return [np.arange(a, b + 1) for a, b in pairwise(ends)]
 

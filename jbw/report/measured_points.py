@@ -1,4 +1,4 @@
-"""Measured frequency and damping as points next to the model's backbone."""
+"""Readings next to the model's backbone: measured points, and the band of the free-form law."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,8 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from jbw.report.result import HELD_OUT, arrays, node, quantiles
+from jbw.report.messages.free_law import BAND
+from jbw.report.result import FREE_LAW, HELD_OUT, arrays, node, quantiles
 from jbw.report.style import INK, SKY
 from jbw.report.text import plain
 from jbw.results.attributes import PredictedTest
@@ -98,3 +99,20 @@ def draw_points(
         if has_std.any():
             low, high = (values - std)[has_std], (values + std)[has_std]
             ax.vlines(x[has_std], low, high, color=colour, lw=0.8, label="_scatter")
+
+
+def draw_free_band(ax: Axes, tree: xr.DataTree, name: str, factor: float, scale: float) -> None:
+    """Draw both ends of a 99 % band of the free-form law, within the limits of the axes.
+
+    Nothing is drawn if a result has no such band. The band widens without limit beyond the
+    readings; the limits of the axes therefore stay as they were before.
+    """
+    group = node(tree, FREE_LAW)
+    if group is None:
+        return
+    limits = ax.get_ylim()
+    band = scale * np.asarray(group[name].transpose("quantile", "amplitude"), float)
+    x = factor * np.asarray(group["amplitude"], float)
+    for end, label in ((band[0], BAND), (band[-1], "_")):
+        ax.plot(x, end, color=INK, lw=0.8, ls=(0, (1, 1.5)), label=label)
+    ax.set_ylim(limits)

@@ -4,7 +4,7 @@ The sentences state the effect of the joint, the errors of fitted and of held-ou
 parameters that are not identified, and the next step.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from math import ceil, log10
 
 import numpy as np
@@ -241,7 +241,8 @@ def tied_sentences(joint_facts: StoredJoints) -> list[str]:
     tied = joint_facts.tied
     if tied is None:
         return []
-    joints = [joint for joint in joints_of(tied.laws) if _is_tied(joint, tied.laws)]
+    groups = [joints for _, joints in map(split, tied.laws) if len(joints) > 1]
+    joints = [joint for joint in joints_of(tied.laws) if any(joint in group for group in groups)]
     odds = _odds(abs(tied.log_evidence_ratio), at_least=tied.is_bound)
     if tied.answer == "tied":
         return [messages.one_law(joints, odds)]
@@ -251,10 +252,6 @@ def tied_sentences(joint_facts: StoredJoints) -> list[str]:
     weak = messages.weak_evidence(odds, preferred)
     reason = weak if tied.is_trusted else messages.rough_evidence(tied.khat)
     return [messages.law_not_told(joints, reason)]
-
-
-def _is_tied(joint: str, laws: Sequence[str]) -> bool:
-    return any(joint in joints and len(joints) > 1 for _, joints in map(split, laws))
 
 
 def _odds(nats: float, *, at_least: bool) -> str:
@@ -335,12 +332,9 @@ def _errors(tests: Sequence[StoredTest]) -> str:
     """
     linear = [row.nrmse_linear for row in tests]
     own_frequency = [row.nrmse_own_frequency for row in tests if not row.fitted]
-    errors = (_known(column) for column in ([row.nrmse for row in tests], linear, own_frequency))
+    columns = ([row.nrmse for row in tests], linear, own_frequency)
+    errors = ([number for number in column if number is not None] for column in columns)
     return messages.relative_error(*(_span(known) if known else "" for known in errors))
-
-
-def _known(column: Iterable[float | None]) -> list[float]:
-    return [number for number in column if number is not None]
 
 
 def _span(ratios: Sequence[float], digits: int = 2) -> str:

@@ -143,7 +143,7 @@ def peaks_of(spectra: dict[str, ShownSpectrum]) -> list[Peak]:
             for i, rise in zip(indices, properties["prominences"], strict=True)
         ]
     modes = sorted(_together(peaks), key=lambda mode: -max(peak[1] for peak in mode))[:MOST_PEAKS]
-    centres = sorted((_centre(mode), mode) for mode in modes)
+    centres = sorted((float(np.median([peak[0] for peak in mode])), mode) for mode in modes)
     ends = [0.0, *(centre for centre, _ in centres), np.inf]
     return [
         Peak(centre, _band(before, centre, after), tuple(dict.fromkeys(peak[2] for peak in mode)))
@@ -163,10 +163,6 @@ def _together(
         mode.append(peak)
     if mode:
         yield mode
-
-
-def _centre(mode: Sequence[tuple[float, float, str]]) -> float:
-    return float(np.median([freq for freq, _, _ in mode]))
 
 
 def _band(before: float, centre: float, after: float) -> tuple[float, float]:

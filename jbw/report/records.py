@@ -113,10 +113,10 @@ def around(measured: Samples, half: int) -> slice:
     return slice(max(0, peak - half), min(measured.size, peak + half))
 
 
-def resonance_slice(measured: Samples, periods: int = PERIODS) -> slice:
-    """Return a slice of about `periods` periods around the largest response."""
+def resonance_slice(measured: Samples) -> slice:
+    """Return a slice of about `PERIODS` periods around the largest response."""
     near = measured[around(measured, max(16, measured.size // 40))]
-    return around(measured, length_of(near, periods) // 2)
+    return around(measured, length_of(near, PERIODS) // 2)
 
 
 def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen") -> Panels:

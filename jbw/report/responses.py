@@ -141,10 +141,6 @@ def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     return finish(axes, ax, "frequency [Hz]", axis_label("receptance", unit))[0, 0]
 
 
-def _mean_magnitude(test: xr.Dataset) -> Curve:
-    return np.asarray(test["measured_magnitude"].mean("repeat"), float)
-
-
 def _level_and_kind(test: xr.Dataset) -> str:
     return f"{level_text(test)} {plain(test.attrs.get('kind', ''))}"
 
@@ -191,7 +187,8 @@ def verification_frf(tree: xr.DataTree, ax: Any = None, part: Part = "chosen") -
 def _frf_column(column: Panels, test: xr.Dataset) -> None:
     """Draw one test around its resonance: magnitude, phase, and deviation from the median."""
     freq = frequency(test)
-    low, high = resonance_window(freq, _mean_magnitude(test), depth=0.05)
+    mean_magnitude = np.asarray(test["measured_magnitude"].mean("repeat"), float)
+    low, high = resonance_window(freq, mean_magnitude, depth=0.05)
     shown = (freq >= low) & (freq <= high)
     dim = next(name for name in test["model_magnitude"].dims if name != "quantile")
     freq, test = freq[shown], test.isel({dim: shown})

@@ -135,13 +135,13 @@ def _z(row: StoredParameter) -> Cell:
     return Cell(number(row.z, 1.0), "flag" if row.z is not None and abs(row.z) > FAR else "")
 
 
-def correlation_words(step: StoredStep, quantities: Names, strong: float = 0.9) -> list[str]:
+def correlation_words(step: StoredStep, quantities: Names) -> list[str]:
     """Return texts on the strong correlations between parameters of a step."""
     pairs = {
         frozenset((first, second)): value
         for first, row in step.correlation.items()
         for second, value in row.items()
-        if first != second and value is not None and abs(value) >= strong
+        if first != second and value is not None and abs(value) >= 0.9
     }
     return [
         f"{' and '.join(symbol(name, quantities) for name in sorted(pair))}: {number(value, 0.01)}"

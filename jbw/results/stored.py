@@ -1,11 +1,17 @@
 """The base type of stored results: a JSON object with typed fields."""
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 Number = float | None  # This is None where the number is unknown or infinite.
+
+
+def finite(value: Any) -> Number:
+    """Return a number as it is stored: None for NaN, infinity and None."""
+    return float(value) if value is not None and math.isfinite(value) else None
 
 
 class Stored(BaseModel):

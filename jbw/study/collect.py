@@ -172,16 +172,12 @@ def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
         if name in truth:
             posterior[name].attrs["truth"] = float(truth[str(name)])
     if "leave_one_out" in groups:
-        groups["leave_one_out"] = _with_units(groups["leave_one_out"], posterior)
+        left_out = groups["leave_one_out"]
+        units = [StoredVariable.of(posterior[n]).units for n in left_out["parameter"].values]
+        groups["leave_one_out"] = left_out.assign(
+            {n: left_out[n].assign_attrs(group_units=units) for n in ("estimate", "std")}
+        )
     return {**groups, "posterior": posterior}
-
-
-def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
-    """Add units to the parameters of the fits in which one run was omitted."""
-    units = {
-        "group_units": [StoredVariable.of(posterior[n]).units for n in left_out["parameter"].values]
-    }
-    return left_out.assign({n: left_out[n].assign_attrs(units) for n in ("estimate", "std")})
 
 
 def _kernel_groups(

@@ -264,7 +264,11 @@ def _statements(
         sentences.append(messages.may_be_same(rest))
     if of_prior := {row.name: row.of_prior for row in rows if row.of_prior}:
         sentences.append(messages.of_prior(of_prior))
-    sentences += [_shared_joint_sentence(row, sure=_is_sure(row)) for row in rows if row.two_modes]
+    sentences += [
+        messages.one_joint(row.name, interval(*row.a), interval(*row.b), sure=_is_sure(row))
+        for row in rows
+        if row.two_modes
+    ]
     sentences += [_differs(row) for row in record.backbone[len(TOLD) - 1 :: len(TOLD)]]
     if unshared:
         sentences.append(messages.only_one(unshared))
@@ -427,7 +431,3 @@ def are_two_modes(first: Draws, second: Draws) -> bool:
     """Return whether two runs identified different modes: their natural frequencies differ."""
     both = [float(np.median(draws["omega_n"])) for draws in (first, second) if "omega_n" in draws]
     return len(both) == 2 and max(both) > APART * min(both)
-
-
-def _shared_joint_sentence(row: ComparedQuantity, *, sure: bool) -> str:
-    return messages.one_joint(row.name, interval(*row.a), interval(*row.b), sure=sure)

@@ -78,7 +78,10 @@ def measured_groups(
     """
     groups: dict[str, xr.Dataset] = {str(path): group for path, group in tree.to_dict().items()}
     if wide is not None:
-        groups |= _with_instruments(posterior_draws(tree), wide)
+        recorded = posterior_draws(tree)
+        widened = {n: wide[n].assign_attrs(x.attrs) for n, x in recorded.data_vars.items()}
+        groups[f"/{AS_RECORDED}"] = as_recorded(recorded, wide)
+        groups["/posterior"] = recorded.assign(widened)
     groups |= look_groups(prepared.look, entered(prepared.measured))
     if order.campaign.joints is not None:
         modes = tree["joints"].to_dataset()["frequency_hz"].values if "joints" in tree else ()
@@ -92,15 +95,6 @@ def about_instruments(order: Order, prepared: PreparedTests) -> str:
         return BESIDE_MATRICES
     sensors = sensors_of(prepared.measured.chosen)
     return instruments_sentence(order.campaign.instruments, sensors)
-
-
-def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Dataset]:
-    """Return the posterior widened by the stated instrument errors, and the original posterior."""
-    widened = {n: wide[n].assign_attrs(x.attrs) for n, x in recorded.data_vars.items()}
-    return {
-        f"/{AS_RECORDED}": as_recorded(recorded, wide),
-        "/posterior": recorded.assign(widened),
-    }
 
 
 def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study:

@@ -37,6 +37,7 @@ from jbw.inference.space.stated import as_wide
 from jbw.observables.dataset import stacked
 from jbw.report.messages import identified
 from jbw.results.run import StoredIdentifiability
+from jbw.results.stored import finite
 
 logger = logging.getLogger("jbw")
 # A start has found the optimum if its final cost exceeds the lowest by less than this fraction.
@@ -72,7 +73,7 @@ class Identifiability:
         costs, names = self.fitted.fit.waterfall, self.information.names
         facts = ("value", "sd", "relative", "ratio")
         rows = {
-            name: {"text": row.text, **{fact: plain(getattr(row, fact)) for fact in facts}}
+            name: {"text": row.text, **{fact: finite(getattr(row, fact)) for fact in facts}}
             for name, row in self.information.known.items()
         }
         spectrum = [
@@ -80,7 +81,7 @@ class Identifiability:
                 "combination": direction.text,
                 "information": direction.information,
                 "ratio": direction.ratio,
-                "sd": plain(direction.sd),
+                "sd": finite(direction.sd),
                 "loadings": dict(zip(names, direction.loadings.tolist(), strict=True)),
             }
             for direction in self.information.directions
@@ -95,20 +96,15 @@ class Identifiability:
             "spectrum": spectrum,
             "parameters": {name: rows[name] for name in names},
             "combinations": {product.name: rows[product.name] for product in self.products},
-            "contraction": {name: plain(value) for name, value in self.contraction.items()},
+            "contraction": {name: finite(value) for name, value in self.contraction.items()},
             "box_sensitivity": {
-                name: {**asdict(move), "shift": plain(move.shift)}
+                name: {**asdict(move), "shift": finite(move.shift)}
                 for name, move in self.sensitivity.items()
             },
             "profiles": followed,
-            "waterfall": {"costs": [plain(cost) for cost in costs], "reached": reached(costs)},
+            "waterfall": {"costs": [finite(cost) for cost in costs], "reached": reached(costs)},
         }
         return StoredIdentifiability.read(record)
-
-
-def plain(value: float) -> float | None:
-    """Return a number for JSON; return None for NaN and infinity."""
-    return float(value) if np.isfinite(value) else None
 
 
 def identifiability(

@@ -33,7 +33,6 @@ from jbw.report.messages import loads as messages
 from jbw.units import FACTORS, factor_of
 from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
-from jbw.verification.withheld import is_withheld
 
 FEW = 4  # number of draws for a first estimate of the amplitude under a load
 # One harmonic is accurate to 1e-5 up to this ratio of the third harmonic to the first.
@@ -312,10 +311,10 @@ def prepared(
     if reach > BEYOND and basis.outward is not None:
         basis = basis.outward
     if load.harmonics is None:
-        load = replace(load, harmonics=_harmonics(few[0], y))
+        load = replace(load, harmonics=1 if _third(few[0], y) < ONE_HARMONIC else MANY)
     missed = NOTHING if basis.discrepancy is None else basis.discrepancy.at(y_seen)
     members = members_of(basis, load, load.draws, missed)
-    withheld = is_withheld(basis, (y_seen,))
+    withheld = basis.withholds((y_seen,))
     warnings = (
         *messages.warnings_of(what, y_seen, reach, BEYOND, withheld=withheld),
         *_internal_resonances(few[0], y, what),
@@ -364,11 +363,6 @@ def together(readied: Sequence[Prepared]) -> Prepared:
     first = readied[0]
     load = replace(first.load, harmonics=harmonics)
     return Prepared(first.members, reach, withheld, load, tuple(warnings))
-
-
-def _harmonics(member: Member, y: float) -> int:
-    """Return the number of odd harmonics for an amplitude [m]: 1 if the third is small, else 8."""
-    return 1 if _third(member, y) < ONE_HARMONIC else MANY
 
 
 def _third(member: Member, y: float) -> float:

@@ -88,8 +88,12 @@ def random_of(
     density = stated.at(freq_hz)
     rows = [_random(modes, load, seen, density, freq_hz, duration) for modes in laws]
     if at_sine is not None:
-        pairs = zip(rows, (modes[0] for modes in found), strict=True)
-        rows = [_with_sine(row, first, load, seen, at_sine) for row, first in pairs]
+        hz, level = at_sine
+        for row, ((member, one), *_) in zip(rows, found, strict=True):
+            omega = np.full(one.sine.shape, TAU * hz)
+            response = response_of(member, load, seen, level, omega, one.sine)
+            row["largest_displacement"] += np.abs(one.sine)[:, 0]
+            row["sine"] = np.abs(response)[:, 0]
     units = messages.units_of_random(seen.unit, seen.name)
     variables = {
         name: (
@@ -140,21 +144,6 @@ def _random(
         **{f"damping{mode}": one.damping for mode, one in each},
         "psd": response,
     }
-
-
-def _with_sine(
-    row: dict[str, Values],
-    motion: tuple[Member, SineOnRandom],
-    load: Load,
-    seen: SeenResponse,
-    at_sine: tuple[float, ...],
-) -> dict[str, Values]:
-    """Return the statistics with the amplitude of the response at the frequency of a sine."""
-    member, sine = motion[0], motion[1].sine
-    hz, level = at_sine
-    response = response_of(member, load, seen, level, np.full(sine.shape, TAU * hz), sine)
-    largest = row["largest_displacement"] + np.abs(sine)[:, 0]
-    return {**row, "largest_displacement": largest, "sine": np.abs(response)[:, 0]}
 
 
 def _transfer(modes: Modes, freq_hz: Values) -> tuple[Complexes, Values]:

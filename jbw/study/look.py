@@ -54,6 +54,7 @@ from jbw.report.messages import look as messages
 from jbw.report.messages.look import NO_OSCILLATOR
 from jbw.report.messages.study import no_shaker
 from jbw.results.run import StoredCycle, StoredLook, StoredLoop, StoredReading
+from jbw.results.stored import finite
 from jbw.verification.places import place
 
 if TYPE_CHECKING:
@@ -239,7 +240,9 @@ def _read(
     if traits.is_controlled:
         return [_of_rows([row]) for test in tests for row in readings_of_points(test, gain)], None
     if traits.is_free:
-        return [one for test in tests for one in _of_decays(test)], None
+        # A decay is read in its band or at its strongest line.
+        decays = (read for test in tests for read in read_decays(test))
+        return [_of_reading(read) for read in decays if read is not None], None
     if traits.is_steady or traits.is_curve:
         return _of_harmonics(tests)
     if not traits.is_driven or traits.is_plain:
@@ -280,11 +283,6 @@ def _of_reading(read: ModeReading) -> RecordRead:
         for y, hz, zeta, hz_sd, zeta_sd in zip(*(x.tolist() for x in columns), strict=True)
     )
     return RecordRead(rows, table)
-
-
-def _of_decays(test: Test) -> Iterator[RecordRead]:
-    """Yield frequency and damping of each decay, measured in its band or at its strongest line."""
-    yield from (_of_reading(read) for read in read_decays(test) if read is not None)
 
 
 def _of_sweep(record: Record, test: Test) -> RecordRead | None:
@@ -342,16 +340,16 @@ def _row(name: str, test: Test, records: Sequence[RecordRead]) -> StoredReading:
     tops = [max(one.rows, key=lambda row: row.y) for one in records]
     columns = {key: np.array([getattr(row, key) for row in tops]) for key in Reading._fields}
     spread = {
-        key: _finite(np.hypot(np.std(columns[of], ddof=1) if len(tops) > 1 else 0.0,
+        key: finite(np.hypot(np.std(columns[of], ddof=1) if len(tops) > 1 else 0.0,
                               np.mean(columns[key])))
         for key, of in (("frequency_sd", "frequency_hz"), ("damping_sd", "damping"))
     }  # fmt: skip
-    means: dict[str, Any] = {key: _finite(np.mean(values)) for key, values in columns.items()}
+    means: dict[str, Any] = {key: finite(np.mean(values)) for key, values in columns.items()}
     return StoredReading(
         test=name,
         kind=test.kind,
         drive=drive_of(test),
-        level=_finite(test.level),
+        level=finite(test.level),
         records=len(test.records),
         run=test.run or None,
         assembly=test.assembly or None,
@@ -361,10 +359,6 @@ def _row(name: str, test: Test, records: Sequence[RecordRead]) -> StoredReading:
         noise=_scatter(test),
         coherence=_coherence(test),
     )
-
-
-def _finite(value: Any) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 def _scatter(test: Test) -> float | None:
@@ -408,7 +402,7 @@ def _loop_row(test: Test) -> StoredLoop:
         unit=test.records[0].units.get("displacement", "m"),
         cycles=[
             StoredCycle.read(
-                {name: _finite(value) for name, value in cycle._asdict().items()}
+                {name: finite(value) for name, value in cycle._asdict().items()}
                 | {"repeated": cycle.repeated}
             )
             for cycle in cycles

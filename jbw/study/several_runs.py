@@ -73,7 +73,17 @@ def side_by_side(folders: Sequence[Path]) -> tuple[RunsSideBySide, xr.Dataset]:
     draws = [_along(basis, amplitude) for basis in bases]
     # Axes: run, quantile, quantity, amplitude.
     bands = np.array([np.quantile(x, QUANTILES, axis=1) for x in draws])
-    backbones = _dataset(bands, names, amplitude)
+    dims = ("run", "quantile", "amplitude")
+    backbones = xr.Dataset(
+        {
+            what: (dims, bands[:, :, q], {"units": unit})
+            for q, (what, unit) in enumerate((("frequency", "Hz"), ("damping", "1")))
+        },
+        {
+            "run": names, "quantile": list(QUANTILES),
+            "amplitude": ("amplitude", amplitude, {"units": "m"}),
+        },
+    )  # fmt: skip
     readings = [
         ReadingBeside.read(
             {"run": name, "amplitude": float(amplitude[place])}
@@ -107,26 +117,6 @@ def _along(
     """Return frequency [Hz] and damping of each draw of a run at each amplitude [m]."""
     carried = curves(basis.thinned(NUM_DRAWS), amplitude, basis.laws)
     return np.array([np.asarray(x) for x in carried[:2]])
-
-
-def _dataset(
-    bands: Float[np.ndarray, "run quantile what place"],
-    names: Sequence[str],
-    amplitude: Float[np.ndarray, " place"],
-) -> xr.Dataset:
-    dims = ("run", "quantile", "amplitude")
-    facts = {"frequency": "Hz", "damping": "1"}
-    return xr.Dataset(
-        {
-            what: (dims, bands[:, :, q], {"units": unit})
-            for q, (what, unit) in enumerate(facts.items())
-        },
-        {
-            "run": list(names),
-            "quantile": list(QUANTILES),
-            "amplitude": ("amplitude", amplitude, {"units": "m"}),
-        },
-    )
 
 
 def _trends(

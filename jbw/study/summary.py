@@ -30,8 +30,8 @@ from jbw.report.messages import study as messages
 from jbw.report.result import node, verified
 from jbw.results.attributes import PredictedTest, StoredVariable
 from jbw.results.run import RunSummary, StoredParameter, StoredStep
+from jbw.results.stored import finite
 from jbw.sources import sources_of
-from jbw.study.identifiability import plain
 from jbw.study.order import Order
 from jbw.study.study import input_hashes
 
@@ -136,7 +136,7 @@ def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
         {
             "test": test.name,
             "kind": test.kind,
-            "level": plain(test.level),
+            "level": finite(test.level),
             "level_unit": _unit_of_source(test),
             "run": test.run or None,
             "assembly": test.assembly or None,
@@ -163,7 +163,7 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
             "map": float(mean),
             "mean": float(mean),
             "sd": float(sd),
-            "cv": plain(cv),
+            "cv": finite(cv),
             "q005": float(mean - HALF_99 * sd),
             "q995": float(mean + HALF_99 * sd),
             "unit": units[name],
@@ -268,10 +268,10 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
         called = name if name not in predictions else f"{name} ({kind})"
         predictions[called] = {
             "kind": kind,
-            "level": None if attrs.level is None else plain(attrs.level),
+            "level": finite(attrs.level),
             "level_unit": attrs.level_unit,
             "fitted": bool(attrs.fitted),
-            **{key: plain(float(test.attrs[key])) if key in test.attrs else None for key in ERRORS},
+            **{key: finite(test.attrs.get(key)) for key in ERRORS},
             **({"withheld": True} if attrs.withheld else {}),
         }
     return predictions
@@ -312,7 +312,7 @@ def _loops(tree: xr.DataTree) -> dict[str, Any]:
     loops = node(tree, "validation/loops")
     return {
         name: {
-            "level": None if (level := PredictedTest.of(test).level) is None else plain(level),
+            "level": finite(PredictedTest.of(test).level),
             "tone_hz": PredictedTest.of(test).tone_hz,
             **{
                 str(key): area.values.tolist()

@@ -1,5 +1,6 @@
 """Comparison of free decays with the model's motion from each record's initial state."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import jax
@@ -10,13 +11,15 @@ from jaxtyping import Array, Complex, Float, Key
 
 from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.generator import generator
-from jbw.measurement.envelopes import envelopes, filter_of
+from jbw.measurement.envelopes import bands_of, envelopes, filter_of
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, begun, counting, decays_at, num_begun
 from jbw.observables.decay_envelopes import follow
 from jbw.observables.effective_values import white_square
 from jbw.observables.groups import changed
-from jbw.observables.modal_decays import ModalDecays
+from jbw.observables.modal_decays import MatchedEnvelopes, ModalDecays, match, modal_envelopes
+from jbw.observables.modes import Modes
+from jbw.oscillator.modes.parameters import structure_of
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
 from jbw.results.attributes import PredictedTest, StoredVariable
 from jbw.verification.bands import (
@@ -28,13 +31,6 @@ from jbw.verification.bands import (
     recentred,
     within,
 )
-from jbw.verification.modal_decays import (
-    Entered,
-    Envelope,
-    Envelopes,
-    followed,
-    modes_of_draws,
-)
 from jbw.verification.places import repeats_named
 from jbw.verification.predicted import (
     ALIKE,
@@ -42,9 +38,20 @@ from jbw.verification.predicted import (
     Predicted,
     RepeatNoise,
     Source,
+    carry,
     noise_by_label,
 )
+from jbw.verification.predictive_basis import Draws, Laws, count_of, natural_hz
 
+Envelope = Complex[np.ndarray, "*draw time"]
+Envelopes = dict[str, Envelope]
+# A function of a random key, the section of a record that determines its initial state, the times
+# [s], and the law's initial frequency error [rad/s]. It returns the envelopes of all draws and
+# reference models.
+Entered = Callable[
+    [Key[Array, ""], Decays, Float[np.ndarray, " time"], float], tuple[Envelope, Envelopes]
+]
+OWN = "own_{}"  # name of a draw's standard normal deviation from the best initial state
 # relative standard deviation of frequency between records, assumed if no decay was fitted
 NO_SHIFT = 1e-6
 # number of iterations for a record's own natural frequency; each one reduces the phase error
@@ -285,3 +292,54 @@ def _along(source: Source, data: Decays) -> Entered:
         return np.concatenate(drawn), of_others
 
     return entered
+
+
+def modes_of_draws(draws: Draws) -> Modes | None:
+    """Return the modes with the mean frequencies of the draws; None for a single mode."""
+    hz = tuple(natural_hz(draws))
+    return Modes(hz) if len(hz) > 1 else None
+
+
+def first_mode_alone(test: Test, modes: Modes | None) -> Test:
+    """Return decays restricted to the band of the first of several modes."""
+    return test if modes is None else replace(test, band_hz=bands_of(modes.hz, test)[0])
+
+
+def followed(source: Source) -> Entered:
+    """Return a function that predicts records of several modes, with an initial state per draw."""
+
+    def entered(
+        key: Key[Array, ""], seen: Decays, time: Float[np.ndarray, " time"], law_std: float
+    ) -> tuple[Envelope, Envelopes]:
+        def along(draws: Draws, laws: Laws) -> Envelope:
+            size = (count_of(draws), seen.groups.num_own)
+            draws_of_start = np.asarray(jax.random.normal(key, size)) * (size[0] > 1)
+            white = {OWN.format(i): column for i, column in enumerate(draws_of_start.T)}
+            return carry(_follow, {**draws, **white}, replace(seen, laws=laws), len(time))
+
+        return source.carried(along)
+
+    return entered
+
+
+def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
+    """Return a record's envelope for one draw of its initial state and frequency shift."""
+    structure = structure_of(theta, seen.laws)
+    record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
+    matched = match(structure, record, seen)
+    start = jnp.append(matched.entry.state, matched.entry.shift)
+    # As for one mode, the noise of the fitted records determines how well a short start is known;
+    # the frequency shift also has its prior.
+    precision = matched.precision * seen.fraction / seen.groups.noise_std[0] ** 2
+    covariance = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
+    centre = -covariance[:, -1] * matched.entry.shift / seen.shift_std**2
+    off = jnp.stack([theta[OWN.format(i)] for i in range(seen.groups.num_own)])
+    start = start + centre + jnp.linalg.cholesky(covariance) @ off
+    full_rate = replace(
+        seen,
+        stride=1,
+        step_s=1 / seen.fs,
+        rotation=jnp.exp(-2j * jnp.pi * seen.centre_hz / seen.fs),
+        num_samples=length + len(seen.taps) - 1,
+    )
+    return modal_envelopes(structure, start, full_rate).sum(axis=0)

@@ -28,11 +28,10 @@ from jbw.verification.in_time import (
 )
 from jbw.verification.places import place
 from jbw.verification.predict import missed_in, route_of
-from jbw.verification.predicted import Predicted, Source, source_of
+from jbw.verification.predicted import Predicted, Source, source_of, without_band
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis
 from jbw.verification.reference_oscillators import Reference, of_run
 from jbw.verification.steady_motion import loop_validation
-from jbw.verification.withheld import is_withheld, without_band
 
 under_way = logging.getLogger("jbw.progress")
 NUM_FEW = 20  # number of draws with which long records are predicted
@@ -109,7 +108,7 @@ class ForcedTests:
         if extrapolation is not None and not is_fitted:
             attrs |= {"extrapolation": extrapolation}
         compared = predicted.dataset.assign_attrs(attrs)
-        withheld = not is_fitted and is_withheld(self.basis, predicted.amplitudes)
+        withheld = not is_fitted and self.basis.withholds(predicted.amplitudes)
         where = place(f"verification/{kind}", name)
         return where, without_band(compared) if withheld else compared
 

@@ -21,10 +21,18 @@ from jbw.verification.decays import predict_decay
 from jbw.verification.groups import has_groups_alone, predict_groups
 from jbw.verification.in_time import predict_records
 from jbw.verification.planned import predict_planned
-from jbw.verification.predicted import LANES, LEFT_OUT, Predicted, Source, is_measured, source_of
+from jbw.verification.predicted import (
+    LANES,
+    LEFT_OUT,
+    OF_BAND,
+    Predicted,
+    Source,
+    is_measured,
+    source_of,
+    without_band,
+)
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
-from jbw.verification.withheld import OF_BAND, is_withheld, without_band
 
 # An input hardly excites the mode if less than this fraction of its power is near the mode.
 HARDLY = 0.01
@@ -79,7 +87,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
         "noise": says if options.noise else LEFT_OUT,
     }  # fmt: skip
     is_unseen = options.noise and not basis.has_fitted(test)
-    withheld = is_unseen and is_withheld(basis, predicted.amplitudes)
+    withheld = is_unseen and basis.withholds(predicted.amplitudes)
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
         facts |= {"lacking": ", ".join(lacking)}

@@ -18,6 +18,7 @@ from jbw.observables.groups import Groups
 from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, alone, prediction
 from jbw.report.messages import verification as messages
+from jbw.report.messages.discrepancy import WITHHELD
 from jbw.verification.bands import LAW, about_law, band, middle
 from jbw.verification.predictive_basis import (
     Basis,
@@ -34,6 +35,7 @@ ALIKE = messages.ALIKE
 REPEATS = messages.REPEATS
 UNKNOWN = messages.UNKNOWN
 LEFT_OUT = messages.LEFT_OUT
+OF_BAND = ("coverage", "num_values", "half_width")  # attributes of a prediction with a band
 LANES = 8  # number of draws that are evaluated in parallel
 
 
@@ -251,3 +253,11 @@ def of_repeats(groups: Groups, group: int = 0) -> RepeatNoise:
     if count < 2:
         return NOT_KNOWN
     return RepeatNoise(float(np.sqrt(within / (size * (count - 1)))), REPEATS)
+
+
+def without_band(dataset: xr.Dataset) -> xr.Dataset:
+    """Return the prediction of a test without the band; the attribute `noise` states the reason."""
+    bands = [name for name in dataset.data_vars if "predictive" in str(name)]
+    bare = dataset.drop_vars(bands)
+    bare.attrs = {name: value for name, value in dataset.attrs.items() if name not in OF_BAND}
+    return bare.assign_attrs(noise=WITHHELD, withheld=1)

@@ -1,7 +1,7 @@
 """The inputs of a finished run's predictions: draws, fixed parameters, fitted tests, noise."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -177,6 +177,11 @@ class Basis:
     def misses(self) -> bool:
         """Whether the error of the law exceeds the noise of held-out tests."""
         return self.discrepancy is not None and not self.discrepancy.is_nothing
+
+    def withholds(self, amplitudes: Iterable[float]) -> bool:
+        """Return whether a band is withheld: the law's error at an amplitude is unknown."""
+        discrepancy = self.discrepancy
+        return discrepancy is not None and not all(map(discrepancy.is_stated, amplitudes))
 
     def has_fitted(self, test: Test) -> bool:
         """Return whether a test was fitted: a fitted group's name begins with the test's name."""

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
-from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from jbw.measurement.channels import lines_within
@@ -148,7 +147,13 @@ def _cycles(record: Record, test: Test, omega: float) -> Float[np.ndarray, "4 ph
     (record,) = test.records
     keep = slice(round(test.settle * fs), None)
     x = record.channels[record.response][keep]
-    y, v, a = _kinematics(x, fs, (low, min(high, 0.4 * fs)), record.response)
+    order, band_hz = derivative_order(record.response), (low, min(high, 0.4 * fs))
+    motions = [x]
+    for _ in range(order):
+        motions.insert(0, integrate(motions[0], fs, band_hz))
+    for _ in range(2 - order):
+        motions.append(differentiate(motions[-1], fs, band_hz))
+    y, v, a = motions
     # After integration, the first and last two periods of the lowest frequency are unreliable.
     inner = slice(round(2 * fs / low), -round(2 * fs / low))
     source = record.channels[record.source][keep][inner]
@@ -157,19 +162,6 @@ def _cycles(record: Record, test: Test, omega: float) -> Float[np.ndarray, "4 ph
     spectra = np.fft.rfft(cycles)
     turn = np.exp(-1j * np.angle(spectra[1, 1]) * np.arange(NUM_POINTS // 2 + 1))
     return np.fft.irfft(spectra * turn, NUM_POINTS)
-
-
-def _kinematics(
-    x: NDArray[np.float64], fs: float, band_hz: tuple[float, float], response: str
-) -> list[NDArray[np.float64]]:
-    """Return displacement, velocity and acceleration, from whichever of these was measured."""
-    order = derivative_order(response)
-    motions = [x]
-    for _ in range(order):
-        motions.insert(0, integrate(motions[0], fs, band_hz))
-    for _ in range(2 - order):
-        motions.append(differentiate(motions[-1], fs, band_hz))
-    return motions
 
 
 def _steady_cycle(

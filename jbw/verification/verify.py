@@ -27,15 +27,13 @@ from jbw.report.messages import discrepancy as withholding
 from jbw.report.messages import verification as messages
 from jbw.results.attributes import DrawnPosterior, PredictedTest
 from jbw.verification.backbone import amplitude_verification
-from jbw.verification.decays import verify_decays
+from jbw.verification.decays import first_mode_alone, modes_of_draws, verify_decays
 from jbw.verification.forced import verify_forced
 from jbw.verification.grade import LEAST_COVERAGE, LEAST_VALUES
-from jbw.verification.modal_decays import first_mode_alone, modes_of_draws
 from jbw.verification.places import place
-from jbw.verification.predicted import ALIKE, Source
+from jbw.verification.predicted import ALIKE, Source, without_band
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
-from jbw.verification.withheld import is_withheld, without_band
 
 # If the law's error is this many times that of a simpler oscillator, the oscillator is the better
 # model.
@@ -102,7 +100,7 @@ def _verify_free(
             marked = marked.assign_attrs(discrepancy=int(basis.misses))
             if basis.y_peak > 0:
                 marked = marked.assign_attrs(extrapolation=begins / basis.y_peak)
-            marked = without_band(marked) if is_withheld(basis, (begins,)) else marked
+            marked = without_band(marked) if basis.withholds((begins,)) else marked
         groups[place("verification/decay", name)] = marked
     curves = attempts.make(messages.DECAY_CURVES, against_amplitude, None)
     return groups if curves is None else {**groups, "/verification/amplitude": curves}
@@ -188,7 +186,10 @@ def _coverage(tests: Mapping[str, PredictedTest]) -> list[Finding]:
     }
     withheld = [name for name, test in tests.items() if test.withheld]
     if not shares:
-        return [_no_band(withheld)] if withheld else []
+        if not withheld:
+            return []
+        reason, action = withholding.bands_withheld(withheld), withholding.FIT_THAT_LEVEL
+        return [Finding("held_out_coverage", "not assessed", reason, float("nan"), action)]
     worst = min(shares, key=lambda name: shares[name])
     values = {"test": worst, "share": shares[worst], "limit": LEAST_COVERAGE}
     remedy = {"line": put("identify", "offsets", "runs")}
@@ -198,9 +199,3 @@ def _coverage(tests: Mapping[str, PredictedTest]) -> list[Finding]:
         sentence = withholding.bands_withheld(withheld)
         finding = amended(finding, finding.status, sentence, withholding.FIT_THAT_LEVEL)
     return [finding]
-
-
-def _no_band(names: Sequence[str]) -> Finding:
-    """Return the finding that coverage is not assessed, because no held-out test has a band."""
-    reason, action = withholding.bands_withheld(names), withholding.FIT_THAT_LEVEL
-    return Finding("held_out_coverage", "not assessed", reason, float("nan"), action)

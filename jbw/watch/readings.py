@@ -22,7 +22,7 @@ from jbw.measurement.faults.examine import read_decays
 from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import Record, Test
 from jbw.population.coordinates import unit_names
-from jbw.population.population import Population, population_of, require_torque
+from jbw.population.population import population_of, require_torque
 from jbw.population.prediction import new_units
 from jbw.population.prior import WRENCH
 from jbw.quantities import derivative_order
@@ -214,10 +214,20 @@ def trend_of(
             remedy="Collect more units, look at the findings of jbw population, or omit "
             "--population.",
         )
-    before, raised = (
-        _readings_at(tightening, population, fleet, amplitudes, test)
-        for tightening in (torque, RAISED * torque)
-    )
+    laws: Any = tuple(StoredFleet.of(fleet).laws)
+    centre, order = _response_of(test)
+
+    def readings_at(tightening: float) -> Float[np.ndarray, "draw p"]:
+        """Predict frequency and damping of new units at a torque [N m], from the population."""
+        draws = new_units(population, fleet, tightening)
+        frequency, damping, _ = carry(
+            curves_of_response, draws, jnp.asarray(amplitudes), centre, order, laws
+        )
+        values = np.stack([np.asarray(frequency), np.log(np.asarray(damping))], axis=-1)
+        values[:, 1:, 0] -= values[:, :1, 0]  # The order of values is that of `names_of`.
+        return values.reshape(len(values), -1)
+
+    before, raised = readings_at(torque), readings_at(RAISED * torque)
     torques = np.array(population.result.torque, float)
     part = WRENCH**2 / (np.var(np.log(torques)) + WRENCH**2)
     report(watch.attenuated(WRENCH, part))
@@ -238,25 +248,6 @@ def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) 
             why="The effect of torque on a joint is known only at tested displacements.",
             remedy="Begin a watch at a lower --amplitude, or leave --population out.",
         )
-
-
-def _readings_at(
-    torque: float,
-    population: Population,
-    fleet: xr.DataTree,
-    amplitudes: Sequence[float],
-    test: Test,
-) -> Float[np.ndarray, "draw p"]:
-    """Predict frequency and damping of new units at a torque [N m], from a population."""
-    laws: Any = tuple(StoredFleet.of(fleet).laws)
-    draws = new_units(population, fleet, torque)
-    centre, order = _response_of(test)
-    frequency, damping, _ = carry(
-        curves_of_response, draws, jnp.asarray(amplitudes), centre, order, laws
-    )
-    values = np.stack([np.asarray(frequency), np.log(np.asarray(damping))], axis=-1)
-    values[:, 1:, 0] -= values[:, :1, 0]  # The order of values is that of `names_of`.
-    return values.reshape(len(values), -1)
 
 
 def _response_of(test: Test) -> tuple[float, int]:

@@ -21,12 +21,14 @@ from jaxtyping import Float
 from scipy.stats import t as student
 
 from jbw.report.messages import watch
-from jbw.watch.change_point import after_change, known_from, run_length
-from jbw.watch.hotelling import (
+from jbw.watch.detection import (
     ReferenceReadings,
+    after_change,
     distance,
     excess_noise,
+    known_from,
     reference_of,
+    run_length,
     tail,
     threshold,
 )

@@ -16,8 +16,7 @@ from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.envelopes import envelopes, filter_of
-from jbw.measurement.faults.long_records import long_records
-from jbw.measurement.spans import start_of
+from jbw.measurement.spans import long_records, start_of
 from jbw.units import decibels, quantity_of
 
 FS, HZ, RATE = 600.0, 30.0, 1.1

@@ -66,7 +66,7 @@ def test_loads_that_were_finished_before_a_full_disk_are_not_predicted_again(
     arguments = ["--shock", "1V,11ms", "--draws", "4"]
     with monkeypatch.context() as patch:
         full = Mock(side_effect=OSError(28, "No space left on device"))
-        patch.setattr("jbw.study.saved_loads.write_tree", full)
+        patch.setattr("jbw.study.store.write_tree", full)
         assert run(["predict", str(folder), *arguments]) == 1
     (folder / "report.html").write_text("a page that was written in between")
     pack = Mock(wraps=parts.pack)

@@ -58,12 +58,12 @@ def banana(theta, data):
 def test_weighted_draws_have_the_moments_of_the_banana(monkeypatch):
     monkeypatch.setattr(curved, "dataset", SimpleNamespace(log_likelihood=banana, stacked=None))
     found = curved.weighted_draws(jax.random.key(0), ready_about(), 4, 1000)
-    density, theta = found.draws
+    (density, theta), effective = found
     assert density.shape == theta["x"].shape == (4, 1000)
-    assert found.effective >= curved.ENOUGH
+    assert effective >= curved.ENOUGH
     x, y = theta["x"], theta["y"]
     # Five standard errors of as many independent draws as are effective.
-    error = 5 / np.sqrt(found.effective)
+    error = 5 / np.sqrt(effective)
     assert abs(x.mean()) < error
     assert abs(x.var() - 1) < error * np.sqrt(2)
     # y = e - x^2: mean -1 and variance 1 + 2.

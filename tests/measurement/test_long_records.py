@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from jbw.measurement.faults.long_records import long_records
 from jbw.measurement.records import Record, Test
+from jbw.measurement.spans import long_records
 
 FS = 4096.0
 

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 import jbw
 from jbw.errors import ConfigError
 from jbw.report.figures import FIGURES, figure_of
-from jbw.report.free_band import draw_free_band
+from jbw.report.measured_points import draw_free_band
 from jbw.report.style import panels
 
 

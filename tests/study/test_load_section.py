@@ -6,7 +6,7 @@ from made_runs import a_test, a_tree, spread
 
 from jbw.report.load_section import FILE, FOLDER, load_rows, load_section
 from jbw.run.files import hash_of
-from jbw.study.saved_loads import save_loads
+from jbw.study.store import save_loads
 from jbw.study.study import Study
 
 

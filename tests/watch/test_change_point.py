@@ -7,15 +7,17 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_t
 
-from jbw.watch.change_point import (
+from jbw.watch.detection import (
     Belief,
     after_change,
+    distance,
     known_from,
     log_predictive,
+    reference_of,
     run_length,
+    tail,
     updated,
 )
-from jbw.watch.hotelling import distance, reference_of, tail
 
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden_watch.json").read_text())["monitoring"]
 BOCPD = GOLDEN["bocpd"]

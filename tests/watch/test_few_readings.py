@@ -8,8 +8,7 @@ from scipy.special import logsumexp
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from jbw.watch.change_point import Belief, run_length
-from jbw.watch.hotelling import ReferenceReadings
+from jbw.watch.detection import Belief, ReferenceReadings, run_length
 from jbw.watch.statement import Trend, change_of, torque_after
 
 NUM_REFERENCES, NUM = 6, 3

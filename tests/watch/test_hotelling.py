@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import f as fisher
 
 import jbw
-from jbw.watch.hotelling import (
+from jbw.watch.detection import (
     distance,
     excess_noise,
     power,

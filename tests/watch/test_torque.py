@@ -15,7 +15,7 @@ from jbw.population.coordinates import Pooled
 from jbw.population.population import Population
 from jbw.population.prior import CovariateDesign
 from jbw.watch import readings
-from jbw.watch.hotelling import ReferenceReadings
+from jbw.watch.detection import ReferenceReadings
 from jbw.watch.statement import PLACES, Trend, as_plain, sentence, state, torque_after, words_of
 
 SLOPE = np.array([0.8, -0.4])  # of frequency [Hz] and ln zeta on ln torque

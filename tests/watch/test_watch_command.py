@@ -10,7 +10,7 @@ import xarray as xr
 
 from jbw.cli import run
 from jbw.report.messages import watch
-from jbw.watch.hotelling import power
+from jbw.watch.detection import power
 from jbw.watch.statement import Trend
 
 FS, SECONDS, F_HZ = 512.0, 8.0, 20.3

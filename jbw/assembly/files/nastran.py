@@ -4,8 +4,8 @@ pyNastran 1.4.1 requires NumPy below 2, which jbw does not work with. Its reader
 with later versions all the same; its reader of OUTPUT2 does not load with them.
 """
 
+from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 from jbw.assembly.files.contents import MatrixFile
 from jbw.errors import DataError
@@ -17,26 +17,15 @@ def contents(path: Path) -> MatrixFile:
     Raises:
         DataError: pyNastran is not installed, or does not work with the installed NumPy.
     """
-    loaded = _op4(path) if path.suffix.lower() == ".op4" else _op2(path)
-    return MatrixFile({name: matrix.data for name, matrix in loaded.items()})
-
-
-def _op4(path: Path) -> dict[str, Any]:
+    kind = path.suffix.lower().removeprefix(".")  # op4 or op2
     try:
-        from pyNastran.op4.op4 import OP4  # pyright: ignore[reportMissingImports]
+        reader = getattr(import_module(f"pyNastran.{kind}.{kind}"), kind.upper())
     except (ImportError, AttributeError) as error:
         raise _missing(path, error) from None
-    return OP4(debug=False).read_op4(str(path))
-
-
-def _op2(path: Path) -> dict[str, Any]:
-    try:
-        from pyNastran.op2.op2 import OP2  # pyright: ignore[reportMissingImports]
-    except (ImportError, AttributeError) as error:
-        raise _missing(path, error) from None
-    model = OP2(debug=False)
-    model.read_op2(str(path))
-    return model.matrices
+    model = reader(debug=False)
+    loaded = getattr(model, f"read_{kind}")(str(path))
+    matrices = loaded if kind == "op4" else model.matrices
+    return MatrixFile({name: matrix.data for name, matrix in matrices.items()})
 
 
 def _missing(path: Path, error: Exception) -> DataError:

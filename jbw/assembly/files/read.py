@@ -40,6 +40,7 @@ _NAMES = {
 _FIXED = 1e30
 
 Source = str | Path | Mapping[str, Any]
+Table = Sequence[Dof] | None
 
 
 def role_of(name: str) -> str:
@@ -86,32 +87,30 @@ def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixMode
         >>> print(model.dofs[1].node, model.dofs[1].direction, model.units)
         2 x SI
     """
-    return _without_fixed(_in_one_order(_parts(source, dofs)), units)
+    matrices, table, nodes = _given(source, dofs)
+    matrices, table = _in_one_order(matrices, table)
+    return _without_fixed(matrices, table, nodes, units)
 
 
 class _Matrix(NamedTuple):
     """A matrix, with the degree of freedom of each row if its file states them."""
 
     matrix: Any
-    dofs: Sequence[Dof] | None
+    dofs: Table
 
 
-class _Parts(NamedTuple):
-    """Mass, stiffness and optional damping, with a common table of rows and any node positions."""
-
-    matrices: tuple[_Matrix, _Matrix, _Matrix | None]
-    table: Sequence[Dof] | None
-    nodes: Mapping[str, Position] | None
+Matrices = tuple[_Matrix, _Matrix, _Matrix | None]  # mass, stiffness and optional damping
 
 
-def _parts(source: Source, dofs: Any) -> _Parts:
+def _given(source: Source, dofs: Any) -> tuple[Matrices, Table, Mapping[str, Position] | None]:
+    """Return the matrices with a common table of rows and any node positions."""
     if not isinstance(source, Mapping):
         path = Path(source)
         file = _contents(path)
         mass, stiffness = (_named(file, role, path.name) for role in ("mass", "stiffness"))
         damping = _named(file, "damping", path.name, required=False)
-        table = _table(dofs) if dofs is not None else _common_table(file)
-        return _Parts((_required(mass), _required(stiffness), damping), table, file.nodes)
+        table = _table(dofs) if dofs is not None else file.dofs.get("")
+        return (_required(mass), _required(stiffness), damping), table, file.nodes
     unknown = set(source) - {*_NAMES, "dofs", "nodes"}
     if unknown or not {"mass", "stiffness"} <= set(source):
         raise ConfigError(
@@ -121,25 +120,22 @@ def _parts(source: Source, dofs: Any) -> _Parts:
         )
     mass, stiffness, damping = (_of_source(source.get(role), role) for role in _NAMES)
     table = dofs if dofs is not None else source.get("dofs")
-    return _Parts(
-        (_required(mass), _required(stiffness), damping),
-        None if table is None else _table(table),
-        _nodes(source.get("nodes")),
-    )
+    table = None if table is None else _table(table)
+    return (_required(mass), _required(stiffness), damping), table, _nodes(source.get("nodes"))
 
 
-def _in_one_order(parts: _Parts) -> _Parts:
+def _in_one_order(matrices: Matrices, table: Table) -> tuple[Matrices, Table]:
     """Sort matrices with labelled rows into the order of one table; return others unchanged."""
-    rows = [matrix.dofs for matrix in parts.matrices if matrix is not None]
+    rows = [matrix.dofs for matrix in matrices if matrix is not None]
     if not any(row is not None for row in rows):
-        return parts
-    if parts.table is None and any(row is None for row in rows):
+        return matrices, table
+    if table is None and any(row is None for row in rows):
         raise DataError(
             "Either all matrices or none must state their degrees of freedom, but only some do.",
             remedy="Export all matrices in one format, or give the table as `dofs`.",
         )
     named = dict.fromkeys(dof for row in rows for dof in row or ())
-    table = list(named) if parts.table is None else parts.table
+    table = list(named) if table is None else table
     absent = [dof for dof in named if dof not in set(table)]
     if absent:
         raise DataError(
@@ -147,16 +143,9 @@ def _in_one_order(parts: _Parts) -> _Parts:
             f"`{absent[0]}` and {len(absent) - 1} more.",
             remedy="Leave the table out, since the matrices state their degrees of freedom.",
         )
-    mass, stiffness, damping = parts.matrices
-    return _Parts(
-        (
-            _placed(mass, table),
-            _placed(stiffness, table),
-            None if damping is None else _placed(damping, table),
-        ),
-        table,
-        parts.nodes,
-    )
+    mass, stiffness, damping = matrices
+    placed = None if damping is None else _placed(damping, table)
+    return (_placed(mass, table), _placed(stiffness, table), placed), table
 
 
 def _required(matrix: _Matrix | None) -> _Matrix:
@@ -212,10 +201,6 @@ def _named(file: MatrixFile, role: str, where: str, *, required: bool = True) ->
     )
 
 
-def _common_table(file: MatrixFile) -> Sequence[Dof] | None:
-    return file.dofs.get("")
-
-
 def _contents(path: Path) -> MatrixFile:
     suffix = path.suffix.lower()
     if suffix not in READERS:
@@ -257,25 +242,22 @@ def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
     return _Matrix(placed, table)
 
 
-def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
+def _without_fixed(
+    matrices: Matrices, table: Table, nodes: Mapping[str, Position] | None, units: str
+) -> MatrixModel:
     """Return the model without fixed rows, which have 1e36 on the diagonal of the stiffness K."""
-    matrices: list[Sparse] = [
-        None if part is None else sp.csc_array(part.matrix) for part in parts.matrices
+    columns: list[Sparse] = [
+        None if part is None else sp.csc_array(part.matrix) for part in matrices
     ]
-    mass, stiffness, damping = matrices
-    table = parts.table
+    mass, stiffness, damping = columns
     square = stiffness.ndim == 2 and stiffness.shape[0] == stiffness.shape[1] == mass.shape[0]
     fixed = np.flatnonzero(stiffness.diagonal() >= _FIXED) if square else np.array([])
     if fixed.size == 0:
-        return matrix_model(
-            mass, stiffness, units=units, dofs=table, damping=damping, nodes=parts.nodes
-        )
+        return matrix_model(mass, stiffness, units=units, dofs=table, damping=damping, nodes=nodes)
     free = np.setdiff1d(np.arange(stiffness.shape[0]), fixed)
     mass, stiffness = (matrix[free][:, free] for matrix in (mass, stiffness))
     damping = None if damping is None else damping[free][:, free]
     free_dofs = None if table is None else [table[i] for i in free.tolist()]
-    model = matrix_model(
-        mass, stiffness, units=units, dofs=free_dofs, damping=damping, nodes=parts.nodes
-    )
+    model = matrix_model(mass, stiffness, units=units, dofs=free_dofs, damping=damping, nodes=nodes)
     note = messages.fixed_dofs(_FIXED, fixed.size)
     return replace(model, notes=(note, *model.notes))

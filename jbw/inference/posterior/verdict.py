@@ -19,7 +19,7 @@ from jbw.inference.posterior.remedies import (
     put_bounds,
     wider,
 )
-from jbw.inference.posterior.summary import Row, diagnose, scalars
+from jbw.inference.posterior.summary import diagnose, scalars
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.results.attributes import DrawnPosterior
 
@@ -102,7 +102,13 @@ def _moving(draws: Draws) -> Finding:
 
 def _convergence(draws: Draws, sampler: str = "") -> list[Finding]:
     rows = {name: diagnose(values) for name, values in draws.items()}
-    findings = [_least_effective(code, rows, draws, sampler) for code in ("ess_bulk", "ess_tail")]
+    findings = []
+    for code in ("ess_bulk", "ess_tail"):
+        name = min(rows, key=lambda name: np.nan_to_num(rows[name][code], nan=-np.inf))
+        size = rows[name][code]
+        values = {"name": name, "size": size, "limit": ESS}
+        remedy = _more(draws[name], size, sampler)
+        findings.append(checked(code, size >= ESS, values, size, remedy))
     if all(len(values) == 1 for values in draws.values()):
         chains = {"num_chains": NUM_CHAINS}
         unknown = float("nan")
@@ -118,15 +124,6 @@ def _convergence(draws: Draws, sampler: str = "") -> list[Finding]:
 
 def _more(draws: Float[np.ndarray, "chain draw"], size: float, sampler: str) -> dict[str, Any]:
     return more_draws(draws.shape[1], float(np.nan_to_num(size)), ESS, sampler)
-
-
-def _least_effective(
-    code: str, rows: Mapping[str, Row], draws: Draws, sampler: str = ""
-) -> Finding:
-    name = min(rows, key=lambda name: np.nan_to_num(rows[name][code], nan=-np.inf))
-    size = rows[name][code]
-    values = {"name": name, "size": size, "limit": ESS}
-    return checked(code, size >= ESS, values, size, _more(draws[name], size, sampler))
 
 
 def bands_finding(draws: Draws) -> Finding:

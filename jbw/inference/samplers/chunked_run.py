@@ -145,7 +145,8 @@ def grow_chains(
     mark = "" if checkpoint is None else fingerprint(starts, problem, make, options)
     # With these options at 0, other numbers of draws and chains cause no new compilation.
     options = options._replace(num_samples=0, num_chains=0)
-    before = _resumed(checkpoint, mark)
+    arrays = kept_arrays(checkpoint, mark)
+    before = Chains([], 0, [], 0.0) if arrays is None else _from_arrays(arrays)
     done, rows, count = before.done, before.rows, CHUNK if checkpoint is None else 1
 
     def end(spent: float) -> int:
@@ -190,12 +191,6 @@ def grow_chains(
         if timed is None and rows:
             timed = done, perf_counter()
     return _joined(rows)[0], before.wall_s
-
-
-def _resumed(checkpoint: Kept | None, mark: str) -> Chains:
-    """Return the chains of a checkpoint; empty chains if there is none for this posterior."""
-    arrays = kept_arrays(checkpoint, mark)
-    return Chains([], 0, [], 0.0) if arrays is None else _from_arrays(arrays)
 
 
 def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:

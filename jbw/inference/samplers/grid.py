@@ -157,7 +157,9 @@ def located(problem: Problem) -> LogitMoments:
         grid = grid_within(problem, whitening, bounds, NODES[d])
         power, log_share = _raised(problem, grid, at.power)
         shift, spread = weighted_moments(jax.nn.softmax(log_share), grid.nodes)
-        spread = _no_narrower(spread, 0.3 * grid.spacing[0])
+        # The covariance must be at least as wide as the spacing of the grid's nodes requires.
+        values, vectors = jnp.linalg.eigh(spread)
+        spread = vectors * jnp.maximum(values, (0.3 * grid.spacing[0]) ** 2) @ vectors.T
         factor = whitening.factor
         still = jnp.max(jnp.abs(shift)) < STEADY
         still &= jnp.max(jnp.abs(spread - jnp.eye(d))) < STEADY
@@ -193,14 +195,6 @@ def _raised(
     raised = jnp.exp(highest_power(lambda log: effective(jnp.exp(log)), least, ends, HALVINGS))
     power = jnp.where(effective(jnp.ones(())) >= least, 1.0, raised)
     return power, prior + power * likelihood
-
-
-def _no_narrower(
-    covariance: Float[Array, "parameter parameter"], least: Float[Array, ""]
-) -> Float[Array, "parameter parameter"]:
-    """Return a covariance that is at least as wide as the spacing of the grid's nodes requires."""
-    values, vectors = jnp.linalg.eigh(covariance)
-    return vectors * jnp.maximum(values, least**2) @ vectors.T
 
 
 def bounds_of(

@@ -93,21 +93,15 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
     if 1 / np.sum(weights**2) > ENOUGH:  # This many draws determine a mixture well enough.
         x = x[rng.choice(len(x), ENOUGH, p=weights)]
         weights = np.full(ENOUGH, 1 / ENOUGH)
-    x, weights = _of_weight(x, weights)
+    # All but a ten-thousandth of the weight is kept.
+    order = np.argsort(-weights)
+    heavy = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
+    x, weights = x[heavy], weights[heavy] / weights[heavy].sum()
     most = 0.5 / np.sum(weights**2) / (POINTS_A_DIMENSION * x.shape[1])
     counts = [count for count in COUNTS if count == 1 or count <= most]
     half = np.arange(len(x)) % 2 == 0
     scores = [_score(rng, x, weights, half, count) for count in counts] if counts[1:] else [0.0]
     return _fitted(rng, x, weights, counts[int(np.argmax(scores))])
-
-
-def _of_weight(
-    x: Points, weights: Weights
-) -> tuple[Float[np.ndarray, "heavy parameter"], Float[np.ndarray, " heavy"]]:
-    """Return the points that carry all but a ten-thousandth of the weight, with their weights."""
-    order = np.argsort(-weights)
-    heavy = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
-    return x[heavy], weights[heavy] / weights[heavy].sum()
 
 
 def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:

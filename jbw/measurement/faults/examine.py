@@ -179,7 +179,7 @@ def _from_json(kept: Mapping[str, Any]) -> Examined:
         values: dict[str, Any] = {
             name: MeasuredChange(*value)
             if types[name] in (MeasuredChange, "MeasuredChange")
-            else _array(value)
+            else (np.array(value) if isinstance(value, list) else value)
             for name, value in reading.items()
         }
         reading = ModeReading(**values)
@@ -189,7 +189,3 @@ def _from_json(kept: Mapping[str, Any]) -> Examined:
     )
     low, high = kept["band_hz"]
     return Examined(reading, faults, (low, high))
-
-
-def _array(value: Any) -> Any:
-    return np.array(value) if isinstance(value, list) else value

@@ -38,16 +38,12 @@ def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Faul
     """
     by_pattern: dict[tuple[str, ...], list[tuple[str, Fault]]] = {}
     for name, fault in named_faults:
-        record_name = name if _of_one_record(fault) else ""
+        # Errors without a remedy for the whole test need a separate remedy for each record.
+        of_test = "Put under [[test]]" in fault.remedy or LEAVES_OUT.search(fault.remedy)
+        record_name = name if fault.severity == "error" and not of_test else ""
         key = fault.severity, fault.channel, NUMBER.sub("#", fault.what), record_name
         by_pattern.setdefault(key, []).append((name, fault))
     return [_together(pattern_faults, count) for pattern_faults in by_pattern.values()]
-
-
-def _of_one_record(fault: Fault) -> bool:
-    """Return whether a fault needs a separate remedy for each record, not one for the test."""
-    of_test = "Put under [[test]]" in fault.remedy or LEAVES_OUT.search(fault.remedy)
-    return fault.severity == "error" and not of_test
 
 
 @contextmanager

@@ -363,8 +363,9 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
                 return last, units or [""] * len(last)  # Numbers may also name the columns.
         else:
             parts = [titled(title) for title in last]
-            names_are_unique = len({name for name, _ in parts}) == len(parts) or _names_times(last)
-            if not names_are_unique:
+            # Several columns of times may have the same name.
+            has_times = sum(is_time(name) for name, _ in parts) > 1
+            if len({name for name, _ in parts}) < len(parts) and not has_times:
                 return last, units or [""] * len(last)
             behind = [unit for _, unit in parts]
             if not units and not any(behind) and rows and _are_units(rows[-1]):
@@ -406,11 +407,6 @@ def _bare(text: str) -> str:
         return ""
     outer = re.fullmatch(r"\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\}", text)
     return next((part.strip() for part in outer.groups() if part), "") if outer else text
-
-
-def _names_times(row: Sequence[str]) -> bool:
-    """Return whether several columns of a row are times; these may have the same name."""
-    return sum(is_time(titled(title)[0]) for title in row) > 1
 
 
 def _columns(

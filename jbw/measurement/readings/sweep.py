@@ -495,7 +495,9 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
         fits = _bases(signal, linear, fits, scale, weight)
         linear = fits["linear"]
         if number == rounds - 1:
-            fits["quadratic"] = _quadratic(signal, linear, scale, weight)
+            sigma, turn = linear.theta.tolist()
+            start = np.array([sigma, 0.0, 0.0, turn, 0.0, 0.0])
+            fits["quadratic"] = fit_sweep(signal, "quadratic", start, scale, weight)
     return SweepFits(signal, fits, scale, weight, noise, 2 * signal.quantum)
 
 
@@ -545,9 +547,3 @@ def _bases(
             two = second.theta.tolist()
             fits |= {"power3": fitted("power3", [*two[:3], 0.0, *two[3:6], 0.0, two[6]])}
     return fits
-
-
-def _quadratic(signal: SweepSignal, linear: ModeFit, scale: float, weight: Reals) -> ModeFit:
-    sigma, turn = linear.theta.tolist()
-    start = np.array([sigma, 0.0, 0.0, turn, 0.0, 0.0])
-    return fit_sweep(signal, "quadratic", start, scale, weight)

@@ -179,8 +179,11 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
         top = fits.signal.rate[fits.signal.top]
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
         if fits.signal.is_force:
-            gain = _real_gain(complex(fits.fits[chosen].gains[0]))
-            gain *= fits.signal.unit / fits.signal.drive_unit
+            turned = complex(fits.fits[chosen].gains[0])
+            # A lag or an error of a clock turns the phase. Where it is over 31 degrees away from 0
+            # and from 180, the gain has no sign.
+            if abs(turned.imag) < MOST_TURNED * abs(turned.real):
+                gain = turned.real * fits.signal.unit / fits.signal.drive_unit
     size = float(np.linalg.norm(fits.signal.z))
     residual, linear_residual = (
         float(np.linalg.norm(fits.fits[name].residual)) / size for name in (chosen, "linear")
@@ -195,14 +198,6 @@ def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
         zeta_change=zeta_change, exponent=exponent,
         residual=residual, linear_residual=linear_residual, noise=fits.noise * unit, gain=gain,
     )  # fmt: skip
-
-
-def _real_gain(gain: complex) -> float:
-    """Return the real part of a gain; NaN if its phase is over 31 degrees away from 0 and from 180.
-
-    A lag or an error of a clock turns the phase, so that the gain has no sign.
-    """
-    return gain.real if abs(gain.imag) < MOST_TURNED * abs(gain.real) else np.nan
 
 
 def _evidence(fits: dict[str, ModeFit], count: float) -> dict[str, float]:
@@ -229,16 +224,7 @@ def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
     return np.geomspace(top, low, POINTS) if low < 0.9 * top else np.array([top])
 
 
-class _Rows(NamedTuple):
-    """Frequency [Hz] and damping ratio at several amplitudes, with their covariances."""
-
-    hz: Reals
-    zeta: Reals
-    hz_covariance: Square
-    zeta_covariance: Square
-
-
-def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> _Rows:
+def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> RecordTable:
     """Return frequency and damping at several amplitudes from the fit of one basis."""
     basis, fit, scale = BASES[name], fits.fits[name], fits.scale
     first = fits.FIRST
@@ -259,7 +245,8 @@ def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> _Rows:
         sigma = sigma * (1 - fits.signal.order * along)
     by_zeta = by_sigma / omega[:, None] - (sigma / omega**2)[:, None] * by_omega
     spread = covariance(fit, fits.weight)
-    return _Rows(
+    return RecordTable(
+        grid,
         np.hypot(sigma, omega) / (2 * np.pi),
         sigma / np.hypot(sigma, omega),
         by_omega @ spread @ by_omega.T / (2 * np.pi) ** 2,
@@ -267,7 +254,7 @@ def _rows(fits: DecayFits | SweepFits, name: str, grid: Reals) -> _Rows:
     )
 
 
-def _mean(rows: list[_Rows], weights: list[float]) -> _Rows:
+def _mean(rows: list[RecordTable], weights: list[float]) -> RecordTable:
     """Return the weighted mean of several fits' values; include the covariance between fits."""
 
     def mean(values: Sequence[Reals]) -> Reals:
@@ -277,13 +264,12 @@ def _mean(rows: list[_Rows], weights: list[float]) -> _Rows:
         between = np.stack(values) - mean(values)
         return mean(within) + (between.T * weights) @ between
 
-    hz, zeta, hz_within, zeta_within = zip(*rows, strict=True)
-    return _Rows(
-        mean(hz), mean(zeta), covariance_of(hz, hz_within), covariance_of(zeta, zeta_within)
-    )
+    (y, *_), hz, zeta, hz_within, zeta_within, _ = zip(*rows, strict=True)
+    covariances = covariance_of(hz, hz_within), covariance_of(zeta, zeta_within)
+    return RecordTable(y, mean(hz), mean(zeta), *covariances)
 
 
-def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Reals, Reals]:
+def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: RecordTable) -> tuple[Reals, Reals]:
     """Return errors caused by a residual in excess of noise, with a lower limit."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
@@ -296,7 +282,7 @@ def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Re
     )
 
 
-def _second_order(fits: DecayFits | SweepFits, rows: _Rows) -> tuple[Reals, Reals]:
+def _second_order(fits: DecayFits | SweepFits, rows: RecordTable) -> tuple[Reals, Reals]:
     """Return the error of first-order averaging that changes of frequency or damping cause."""
     hz, zeta = rows.hz, np.abs(rows.zeta)
     share = fits.SECOND_ORDER + float(zeta.max())
