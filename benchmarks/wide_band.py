@@ -22,10 +22,10 @@ from timing import Table, options, show
 
 import jbw
 from jbw.campaign.load import Campaign
-from jbw.identification import prepare
 from jbw.identification.assemble import assemble, measured_in
 from jbw.identification.coordinates import box_of
 from jbw.identification.evidence import under
+from jbw.identification.first_fit import fit_from
 from jbw.inference.fit.fitting import Fit
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
@@ -33,10 +33,7 @@ from jbw.observables.drives import told_by
 
 LEVELS = {1: 4.8, 3: 28.8, 5: 67.0, 7: 95.6}  # nominal force [N]
 POINTS = ("wing", "payload", "shaker")
-# tolerances relative to cost and step; smaller ones change errors by less than a thousandth
-TOLERANCE = 1e-4
 LEAST_COUPLING = 0.05  # smallest coupling at which a fit starts
-NUM_SCREENED = 24  # number of points of the law's parameters that are screened
 COLUMNS = {"model": "", "mean, %": ".1f", **{f"{point}, %": ".1f" for point in POINTS}}
 COLUMNS |= {"worst level, %": ".1f", "parameters": "d", "time, s": ".0f"}
 HEAD = """
@@ -73,20 +70,10 @@ def campaign(laws: Sequence[str]) -> Campaign:
 
 
 def fitted(data: Dataset, taken: Campaign, start: Mapping[str, float]) -> Fit:
-    """Return the least-squares fit from a start; without a law in it, from the best points."""
+    """Return the least-squares fit from a start, or else from the most likely of many points."""
     known = {**told_by(data.parts), **start}
     prior = box_of(taken.settings, data, known)
-    middle = prepare.from_unit(np.full(len(prior.names), 0.5), prior)
-    begun = {name: known.get(name, float(middle[name])) for name in prior.names}
-    points = {name: np.full(NUM_SCREENED, value) for name, value in begun.items()}
-    if unknown := [name for name in prior.names if name not in known]:
-        drawn = prepare.screened(jax.random.key(0), prior, begun, begun)
-        points |= {name: drawn[name][:NUM_SCREENED] for name in unknown}
-        found = prepare.at_points(dataset.log_likelihood, prepare.inside(points, prior), data)
-        best = int(np.argmax(np.nan_to_num(found.sum(axis=1), nan=-np.inf)))
-        begun = {name: float(values[best]) for name, values in points.items()}
-    starts = prepare.inside(begun, prior)
-    return prepare.costly_fit(dataset.stacked, prior, data, starts=starts, tolerance=TOLERANCE)
+    return fit_from(jax.random.key(0), data, prior, known, alone=True)
 
 
 def relative_motion(best: Mapping[str, float]) -> tuple[float, ...]:
