@@ -69,7 +69,7 @@ def in_si(
             "Matrices in units other than SI must have a table of degrees of freedom, but there "
             "is none.",
             why="Rows of rotations are converted by other factors than rows of translations.",
-            remedy="Give the table as `dofs`, or the matrices in SI.",
+            remedy="Give the table of degrees of freedom as `dofs`, or the matrices in SI.",
         )
     length = np.array([system.length if d.direction in TRANSLATIONS else 1.0 for d in dofs])
     scale = sp.diags_array(1.0 / length)

@@ -86,9 +86,9 @@ def identifiability(
     type=click.Choice(["everyday", "laboratory", "paper"]),
     default="everyday",
     show_default=True,
-    help="Programme of the measurement: three days with noise and differences between days, "
-    "or the paper's programme with almost no noise and no differences, with sweeps from weak "
-    "to strong hysteresis or at the paper's voltages.",
+    help="What is measured. everyday: three days, with noise and with differences between the "
+    "days. laboratory: sweeps from weak to strong hysteresis, with almost no noise. paper: as "
+    "laboratory, at the paper's voltages.",
 )
 @click.option(
     "--paper",

@@ -75,7 +75,7 @@ def classical_pulse(
     if shape not in SHAPES:
         raise ConfigError(
             f"Argument `shape` must be one of {', '.join(SHAPES)}, but is {shape!r}.",
-            remedy="Give a measured record for any other shock.",
+            remedy="Give a shock of another shape as a measured record.",
         )
     if not (0.0 < peak < np.inf and 0.0 < duration < np.inf):
         raise ConfigError(

@@ -133,7 +133,7 @@ def closed_path(ratio: float) -> tuple[int, int]:
 def _tables(
     motion: EquivalentMotion, r: Values, s: Values, turns: tuple[int, int]
 ) -> tuple[LoopTable, LoopTable]:
-    """Return equivalent stiffness and loss of the mode and of the sine over amplitudes R."""
+    """Return stiffness and loss over the amplitude R, for the mode's motion and for the sine's."""
     parts = np.moveaxis(np.asarray(_two_tones(motion.joint, r, s, turns)), -1, 0)
     log_y, none = np.log(r), np.zeros_like(r)
     viscous = none + motion.viscous

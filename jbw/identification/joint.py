@@ -28,6 +28,7 @@ from jbw.identification.one_mode_readings import (
     with_readings,
 )
 from jbw.identification.prepare import Fitted, completed, weighed
+from jbw.identification.size import announced
 from jbw.identification.step import attrs
 from jbw.identification.widening import widened
 from jbw.inference.fit.valley import about_valley
@@ -78,7 +79,7 @@ class JointPosterior:
     name: str  # "joint", or "decay" for free decays alone
     # the result tree, with the noise levels, the laws' parameters and their products
     tree: xr.DataTree
-    fitted: Fitted  # the fit with the prior that was sampled
+    fitted: Fitted  # the fit that preceded the draws, with their prior
     wall_s: float  # time for fit, draws and compilation [s]
 
     @property
@@ -106,7 +107,7 @@ def joint_problem(
         DataError: If no test is left to fit the joint to.
     """
     data = assemble(seen)
-    report(stages.joint_posterior(len(data.labels)))
+    announced(report, stages.joint_posterior, data)
     readings = joint_readings(jax.random.fold_in(jax.random.key(seed), READINGS_KEY), seen)
     known = of_reading(known, data)
     return JointProblem(data, seen.settings, known, readings, seen.tests, start or {})

@@ -37,6 +37,7 @@ from jbw.identification.joint_modes import joint_modes
 from jbw.identification.one_mode_readings import joint_readings, with_readings
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.procedure import Posteriors
+from jbw.identification.size import announced
 from jbw.identification.step import attrs
 from jbw.identification.widening import ending, widened_by_fit
 from jbw.inference.fit.costly_fit import evaluator, from_search, to_search
@@ -77,7 +78,7 @@ def fit_alone(
     """
     started, key = perf_counter(), jax.random.key(seed)
     data = assemble(seen)
-    report(stages.least_squares(len(data.labels)))
+    announced(report, stages.least_squares, data)
     readings = joint_readings(key, seen)
     keys = parts_of(key, 2)
     ready = prepare(keys, data, seen.settings, readings.known, start=start, quick=True)

@@ -32,6 +32,7 @@ from jbw.identification.run_effects import (
     with_offsets,
     with_scatter,
 )
+from jbw.identification.size import announced
 from jbw.identification.thresholds_crossed import fitted_displacement
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit
 from jbw.inference.fit.fitting import Fit
@@ -77,7 +78,7 @@ class Fitted:
 def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:
     """Fit the joint to a campaign in the same way as the joint posterior does."""
     data = assemble(seen)
-    report(messages.least_squares(len(data.labels)))
+    announced(report, messages.least_squares, data)
     return prepare(parts_of(key, 2), data, seen.settings)
 
 

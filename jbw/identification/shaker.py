@@ -114,7 +114,7 @@ def _modes(
 def _driven(
     voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the band, widened by 1.5 widths on each side as far as the voltage drives it.
+    """Return the band, widened on each side by 1.5 of its widths or to where the voltage ends.
 
     It is widened by at most an octave, because noise of a sensor at low frequencies is a large
     displacement.

@@ -95,7 +95,7 @@ def at_points(
         ]
 
     def values_of(lot: Mapping[str, np.ndarray], threads: int = 0) -> Any:
-        """Return the values of a lot; with `threads` those by the solver, or None."""
+        """Return the values of a lot; with `threads`, use the solver, or return None without it."""
         if given_up is not None and given_up.is_set():
             raise CancelledError
         on_device = {name: jax.device_put(values) for name, values in lot.items()}

@@ -1,4 +1,4 @@
-r"""Evidence of nonlinearity and noise in the records of a test, without a model, in sentences.
+r"""Sentences on nonlinearity and noise in the records of a test, without a model.
 
 The evidence is the variation of repeats and whether it is noise or another joint, harmonics by
 order along a sweep, distortion against noise of multisines, and the coherence of random noise.

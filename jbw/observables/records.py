@@ -414,9 +414,9 @@ class Records(Observable):
     def _models_of_levels(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
     ) -> list[Model] | None:
-        """Return several levels' models at parameter points, repeated to fill the batch, or None.
+        """Return several levels' models at parameter points, repeated to fill the batch.
 
-        None is returned if the batch solver does not suit the models.
+        None is returned for periodic motion, and for laws that the batch solver cannot simulate.
         """
         if self.held.periodic:
             return None
@@ -437,7 +437,7 @@ class Records(Observable):
         return [self._seen_at_point(number, model) for number, model in pairs]
 
     def _seen_at_point(self, number: int, model: Model) -> Model:
-        """Return a structure with the first point and the level's point as its outputs."""
+        """Return the model; a structure has two outputs, the first point and the level's point."""
         if not isinstance(model, Structure):
             return model
         point = self.points[number] if self.points else ""

@@ -71,7 +71,7 @@ class Points(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce all tests to harmonics; tests with the same residual terms form one part."""
+        """Reduce all tests to harmonics; tests with the same residual terms share one dataset."""
         parts = []
         for residuals in dict.fromkeys(test.residuals for test in tests):
             groups = groups_of([test for test in tests if test.residuals == residuals])

@@ -44,8 +44,8 @@ WIDE = {"xla_cpu_prefer_vector_width": 512}
 NUM_DIRECTIONS = 2
 NUM_POWERS = 6  # number of coefficients of a band-limited input's polynomials
 
-# A structure has one row per joint in `h`, and two outputs in `c`: the displacement whose peak is
-# wanted, and the measured output.
+# A structure must have one row per joint in `h`, and two rows in `c`: the output whose largest
+# displacement is returned, and the measured output.
 Model = Oscillator | Structure
 
 
@@ -353,6 +353,7 @@ def _marched(
     models, gain, parts = lanes
     fs, substeps, num_steps, first, begins = steps
     part = 1.0 / substeps
+    # Every step takes its coefficients from the piece, so only their number matters here.
     unused = (jnp.zeros(0),) * piece.polynomials.shape[1]
 
     def stepping_of(model: Model, gain: Array) -> Stepping | ModalStepping:

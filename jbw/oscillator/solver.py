@@ -82,7 +82,10 @@ class Stepping(eqx.Module):
 def stepping(
     oscillator: Oscillator, rate: Scalar, gain: Scalar, pieces: tuple[Any, ...]
 ) -> Stepping:
-    """Return the steps of an oscillator, from steps per second and the input's gain and pieces."""
+    """Return the time steps of an oscillator, `rate` of them per second.
+
+    The input is the gain times polynomials with the coefficients `pieces`, one row per power.
+    """
     step, *both = exact_step(oscillator, 1.0 / rate)
     on_y, on_v = (tuple(gain * moments[j] for j in range(len(pieces))) for moments in both)
     return Stepping(step, on_y, on_v, gain, pieces)

@@ -108,9 +108,8 @@ def _unit(name: str, folder: Path | None, summary: RunSummary, tree: xr.DataTree
     if are_at_joints(laws):
         raise DataError(
             f"The run {name} must be of one joint, but has several.",
-            why="A population compares units by the effect of their single joint.",
-            remedy="Leave the run out. Two runs of several joints are compared joint by joint: "
-            "jbw diff.",
+            why="A population compares units that have one joint each.",
+            remedy="Leave the run out. To compare two runs joint by joint: jbw diff.",
         )
     draws, quantities = _quantities(posterior, laws)
     for quantity, values in draws.items():

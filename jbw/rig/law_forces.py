@@ -1,4 +1,4 @@
-"""The rig's own forces for the laws of the identification: one line per law.
+"""Forces of all laws, written a second time for the rig: one line per law.
 
 Laws of Masing's kind are represented by three hundred parallel sliders. They are in bins whose
 width grows with the square of the cube root of the slip, and each slider has the integrals of the

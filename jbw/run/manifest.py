@@ -45,7 +45,9 @@ class Manifest:
     # campaign file, by a path relative to the run's folder if the file lies inside that folder
     campaign: str
     seed: int | None = None  # seed given on the command line
-    preset: str | None = None  # preset of the virtual rig that measures the campaign first
+    preset: str | None = (
+        None  # preset of the virtual rig that measures the campaign before it is identified
+    )
     allow_outside: bool = False  # whether data files may be outside the campaign's folder
     quick: bool = False  # whether only a first answer is requested
     final: bool = False  # whether a final fit is requested that also includes held-out tests

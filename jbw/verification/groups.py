@@ -38,7 +38,7 @@ def _observable(test: Test) -> type[Observable] | None:
 
 
 def has_groups_alone(test: Test) -> bool:
-    """Return whether a test is compared by its data groups alone."""
+    """Return whether only the reduced values of a test are compared, and not its records."""
     return _observable(test) is not None
 
 

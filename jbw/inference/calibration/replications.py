@@ -294,7 +294,8 @@ def _require_quantiles(name: str, prior: Any) -> None:
         raise ConfigError(
             f"The prior of `{name}` must be a NumPyro distribution of one number, but it is a "
             f"{kind}.",
-            remedy=f"Write {name} = numpyro.distributions.Normal(0.0, 1.0), one for each number.",
+            remedy=f"Write {name} = numpyro.distributions.Normal(0.0, 1.0); a vector needs one "
+            "prior for each of its numbers.",
         )
     if prior.is_discrete:
         raise ConfigError(

@@ -42,7 +42,7 @@ class Clipping(Hypothesis):
     name = "clipping"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect]:
-        """Yield how clipping changes the data: predictions are cut at the largest measurement."""
+        """Yield clipping as a possible cause: predictions are cut at the largest measurement."""
         cut, count, total = {}, 0, 0
         for label, spectrum in in_time(misfit.spectra).items():
             model, most = spectrum.values - spectrum.residual, np.max(np.abs(spectrum.values))

@@ -14,7 +14,8 @@ from jbw.report.messages import clock_faults as messages
 FALLS = 0.5  # A drive drops off if it falls to this fraction of its median.
 # ratio of noise to the smallest drive, above which the damping has an error of some percent
 NOISY = 0.05
-# limit of a drive's roughness, relative to its median, between a sweep (0.01) and noise (0.5)
+# roughness of a drive (its deviation from a smooth course over its median) that separates sweeps
+# (0.01) from noise (0.5)
 RANDOM = 0.3
 SMOOTHED = 0.02  # width of the smoothing window, as a fraction of the number of values
 

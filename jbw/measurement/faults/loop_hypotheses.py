@@ -43,7 +43,7 @@ def at_rest(loop: ForcedLoop) -> Reals:
 
 
 def loaded(rest: Reals, force: Reals) -> Iterator[LoopCause]:
-    """Yield an offset of the load cell as a cause, estimated from the force before the motion."""
+    """Yield an offset of the load cell, estimated from the force before the motion."""
     text = messages.off_centre(float(np.mean(rest) / (0.5 * np.ptp(force))), 0.0)
     yield LoopCause(len(rest) * float(np.var(rest)), text)
 

@@ -112,7 +112,7 @@ def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
 
 
 def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
-    """Yield a warning if a phase given in radians was written in degrees."""
+    """Yield a warning if a phase that is stated in radians appears to be in degrees."""
     largest = float(np.nanmax(np.abs(phase)))  # masked lines are NaN
     if largest > DEGREES:
         yield doubt("phase", *messages.in_degrees(largest))

@@ -209,7 +209,7 @@ def _unfitting_names(header: Sequence[str], dialect: Dialect) -> list[str]:
 
 
 def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
-    """Find the notation in which most of the first lines are numbers; one column needs decimals."""
+    """Find the notation in which most first lines are numbers; a single column has decimals."""
     among = [marks for marks in DIALECTS if not mark or marks.delimiter == mark] or DIALECTS
     count, dialect = max((_trial(lines, marks) for marks in among), key=lambda trial: trial[0])
     if count < LEAST_LINES:

@@ -110,7 +110,7 @@ def read(
 
 
 def records(path: Path, request: Wanted, admit: Admit = admit_all) -> tuple[Record, ...]:
-    """Return a file's records in SI units without checking the samples; raise errors as `read`."""
+    """Return a file's records in SI units, without checks of the samples; raise as `read` does."""
     tables = (request.channels or {}, request.units, request.scale, request.sensitivity)
     for role in [role for table in tables for role in table]:
         if role not in ROLES:

@@ -337,7 +337,7 @@ class BWBN(BWBNPinching):
         return 1.0 + self.bwbn_delta_nu * energy, 1.0 + self.bwbn_delta_eta * energy
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
-        """Return the law in OpenSees, which has no material with both degradation and pinching."""
+        """Return the law as a material of OpenSees; none if it both degrades and pinches."""
         if not self.bwbn_delta_nu and not self.bwbn_delta_eta:
             return super().convert(omega_n, zeta, mass)
         if self.bwbn_zeta_s:

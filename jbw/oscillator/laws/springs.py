@@ -92,7 +92,7 @@ class Spring(Law):
             )
 
     def even_part(self) -> str | None:
-        """Describe the even part of the force; None without one, or if JAX traces the values."""
+        """Describe the force's even part; None if there is none, or if JAX traces the values."""
         if not is_concrete(self):
             return None
         for y in _PROBES:

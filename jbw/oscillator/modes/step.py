@@ -237,9 +237,9 @@ class ModalStepping(eqx.Module):
 def modal_stepping(
     structure: Structure, rate: Scalar, gain: Scalar, pieces: tuple[Any, ...]
 ) -> ModalStepping:
-    """Return the steps of a structure, from steps per second and the input's gain and pieces.
+    """Return the time steps of a structure with an axis of joints, `rate` of them per second.
 
-    The structure must have an axis of joints.
+    The input is the gain times polynomials with the coefficients `pieces`, one row per power.
     """
     dt = 1.0 / rate
     h, p, b = (jnp.asarray(x) for x in (structure.h, structure.p, structure.b))

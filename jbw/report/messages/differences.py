@@ -42,7 +42,7 @@ def joints_may_be_same(joints: Mapping[str, float]) -> str:
 
 
 def factors_apart(names: Sequence[str]) -> str:
-    """Return the sentence that factors on the motion of joints are compared one by one."""
+    """Return the sentence on how two runs are compared if the joints' motion was uncertain."""
     return (
         "Joints are compared by the parameters of their laws together; the factors on the "
         f"motion of joints ({listed(names)}) are compared one by one between the runs."

@@ -150,7 +150,7 @@ def delay(delay: str) -> str:
 
 
 def resampled(rate: str) -> str:
-    """Return the draft line of a rate [Hz] for resampling times that are not even."""
+    """Return the line of a draft with a rate [Hz] at which uneven samples are resampled."""
     return f"resample = {rate}  # CHECK: [Hz]; the times of the record are not evenly spaced"
 
 
@@ -222,7 +222,7 @@ def one_of_axes(role: str, channels: str) -> str:
 
 
 def check_axes(role: str, channels: str) -> str:
-    """Return the mark for a channel that was chosen from several axes."""
+    """Return the comment CHECK for a channel that a draft chose from several axes."""
     return f"  # CHECK: {role} may be any of {channels}"
 
 
@@ -248,7 +248,7 @@ def coarse_times(channel: str, fs: float) -> str:
 
 
 def mean_rate(fs: str) -> str:
-    """Return the draft line of the mean rate of times with too few digits [Hz]."""
+    """Return the line of a draft with the mean rate [Hz] of times that have too few digits."""
     return f"fs = {fs}  # CHECK: [Hz], the mean rate of times with too few digits"
 
 

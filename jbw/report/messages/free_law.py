@@ -52,7 +52,7 @@ def masing(rule: str, nats: float, limit: float) -> str:
 
 
 def least_damping(times: float, zeta: float) -> str:
-    """Return the sentence on the least damping of any law of sliders at a larger amplitude."""
+    """Return the sentence on the least damping above the measured amplitudes by Masing's rule."""
     return (
         f"Every law that follows Masing's rule has at least {100 * zeta:.3g} % of critical "
         f"damping at {times:g} times the largest measured amplitude (99 % confidence)."

@@ -110,7 +110,8 @@ def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
         "order": "The difference grows from record to record: the joint relaxes, wears or warms "
         "up.",
         "runs": "The difference lies between the stated runs or assemblies.",
-        "": "The day, the torque, the temperature, or the mass or place of the sensor may differ.",
+        "": "The day, the torque, the temperature, or the mass or place of the sensor may differ "
+        "between the records.",
     }
     return (
         f"Records differ at equal amplitude, {sizes} (standard deviation between records). "

@@ -49,7 +49,7 @@ def left_out(why: str) -> str:
 
 
 def other_law(laws: str) -> str:
-    """Return the reason that the joint lacks the law of Steps 3 and 4."""
+    """Return the message that the joint does not have the law which Steps 3 and 4 need."""
     return (
         "Steps 3 and 4 of Teloli et al. need the Bouc-Wen law and are omitted: the joint "
         f"has {laws}."

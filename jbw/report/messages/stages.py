@@ -1,5 +1,9 @@
 """Progress messages of an identification, and names of its parts that may fail independently."""
 
+from collections.abc import Sequence
+
+from jbw.report.messages.message import listed
+
 READING_RECORDS = "Measuring frequency and damping of the records without a model"
 DRAWING = "Drawing the posterior"
 SINGLE_RECORDS = "Computing the likelihood of every record, and its prediction from the prior"
@@ -115,13 +119,25 @@ def finished_before(verdict: str) -> str:
     return f"was finished earlier, verdict {verdict}"
 
 
-def _groups(count: int) -> str:
-    return "1 data group" if count == 1 else f"{count} data groups"
+def _groups(count: int, steps: int) -> str:
+    groups = "1 data group" if count == 1 else f"{count} data groups"
+    return f"{groups}, {steps:,} time steps per simulation" if steps else groups
 
 
-def joint_posterior(count: int) -> str:
-    """Return the progress message for the joint posterior from a number of data groups."""
-    return f"Joint posterior: all parameters from {_groups(count)}"
+def joint_posterior(count: int, steps: int) -> str:
+    """Return the progress message for the joint posterior, with the size of its data."""
+    return f"Joint posterior: all parameters from {_groups(count, steps)}"
+
+
+def long_fit(seconds: float, tests: Sequence[str], rate: float | None) -> str:
+    """Return the sentence that a fit will take long, with the line that shortens it."""
+    shorter = "`span = [first, last]` with the seconds that contain the motion"
+    if rate is not None:
+        shorter = f"`resample = {rate:g}`, a lower sampling rate, or {shorter}"
+    return (
+        f"This fit will take about {seconds / 60:.2g} minutes of one processor core. To shorten "
+        f"it, put under the [[test]] with the most samples, {listed(tests)}: {shorter}."
+    )
 
 
 def kernel(count: int) -> str:
@@ -129,9 +145,9 @@ def kernel(count: int) -> str:
     return f"Step 3: third-order kernel at {count} frequencies"
 
 
-def least_squares(count: int) -> str:
-    """Return the progress message for least squares on a number of data groups."""
-    return f"Least squares: all parameters from {_groups(count)}"
+def least_squares(count: int, steps: int) -> str:
+    """Return the progress message for least squares, with the size of its data."""
+    return f"Least squares: all parameters from {_groups(count, steps)}"
 
 
 def line_fit(test: str) -> str:

@@ -164,7 +164,7 @@ def joint_dashpot(name: str, hz: float, motion: float, unit: str) -> str:
 def within_interval(
     name: str, value: float, unit: str, low: float, high: float, *, inside: bool
 ) -> str:
-    """Return the comment on whether the exported draw's product lies within all draws' interval."""
+    """Return the comment on whether a product of parameters lies in the interval of all draws."""
     place = "within" if inside else "outside"
     return f"{name} is {value:.6g} {unit}, {place} its 99 % interval {low:.6g} to {high:.6g}."
 

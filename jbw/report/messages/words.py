@@ -139,7 +139,10 @@ WORDS: dict[tuple[str, ...], str] = {
         "The name of a parameter of the model; for example, `jbw explain alpha` explains alpha. A "
         "column `parameters` contains the number of parameters of a law."
     ),
-    ("unit",): ("The unit of a quantity. In tables of several joints, the name of a joint."),
+    ("unit",): (
+        "The unit of the quantity in this row. In a table of several joints, `unit` is the name of "
+        "the joint."
+    ),
     ("mean", "middle", "joint: mean", "cut: mean", "A", "B"): (
         "Mean of the draws, mostly with the 99 % interval in brackets. A and B are the two runs "
         "that `jbw diff` compares."
