@@ -128,7 +128,7 @@ def prediction_findings(tree: xr.DataTree) -> list[Finding]:
     """Return findings on the errors of simpler oscillators, and on coverage of held-out tests."""
     tests = predicted_tests(tree)
     laws = DrawnPosterior.of(tree).laws or ()
-    return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests)]
+    return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests, laws)]
 
 
 def _simpler(tests: Mapping[str, PredictedTest], laws: Sequence[str]) -> list[Finding]:
@@ -174,7 +174,7 @@ def _replaced(tests: Mapping[str, PredictedTest], laws: Sequence[str]) -> list[F
     return [checked("law_replaced", ok, values, ratios[worst], remedy)]
 
 
-def _coverage(tests: Mapping[str, PredictedTest]) -> list[Finding]:
+def _coverage(tests: Mapping[str, PredictedTest], laws: Sequence[str]) -> list[Finding]:
     # Harmonics and loops at another level may have other noise, so typical noise proves nothing.
     shares = {
         name: test.coverage
@@ -192,7 +192,9 @@ def _coverage(tests: Mapping[str, PredictedTest]) -> list[Finding]:
         return [Finding("held_out_coverage", "not assessed", reason, float("nan"), action)]
     worst = min(shares, key=lambda name: shares[name])
     values = {"test": worst, "share": shares[worst], "limit": LEAST_COVERAGE}
-    remedy = {"line": put("identify", "offsets", "runs")}
+    # Every free decay has its own frequency already, so offsets of runs change nothing.
+    has_runs = any(test.group != "decay" for test in tests.values())
+    remedy = {"line": put("identify", "offsets", "runs") if has_runs else another_law(laws)}
     ok = shares[worst] >= LEAST_COVERAGE
     finding = checked("held_out_coverage", ok, values, shares[worst], remedy)
     if withheld:

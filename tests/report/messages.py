@@ -421,7 +421,8 @@ OF_TOPICS = {
         stages.evaluated("... Fitting, for 9 s so far", 1536),
         stages.finished_before("usable"), stages.joint_posterior(12, 40960), stages.kernel(8),
         stages.least_squares(12, 0), stages.long_fit(327.0, ["low", "high"], 752.0),
-        stages.long_fit(327.0, ["low"], None), stages.line_fit("noise"), stages.fitting_as("bouc_wen"),
+        stages.long_fit(327.0, ["low"], None), stages.line_fit("noise"),
+        stages.fitting_as("bouc_wen"),
     ],
     "study": [
         *constants(study),

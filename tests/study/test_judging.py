@@ -51,6 +51,10 @@ def test_tests_outside_their_bands_fail_unless_fitted_or_short():
     assert found["held_out_coverage"].status == "failed"
     assert found["held_out_coverage"].number == 0.87
     assert pasted(found["held_out_coverage"].action).settings.offsets == "runs"
+    # Every decay has its own frequency, so that only another law may help there.
+    action = findings(**{"decay/high": outside})["held_out_coverage"].action
+    assert "offsets" not in action
+    assert "jbw laws" in action
     assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "fitted": 1}})
     assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "num_values": 20}})
     assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "coverage": np.nan}})

@@ -341,8 +341,8 @@ MESSAGES = (
         Remedy: see leave_one_out and coloured_residual. Beyond the fitted amplitudes the bands
         extrapolate; the report says how far. If a test has no band, fit a test of its level.
         """,
-        remedy="Allow for differences between runs, or change the law: the bands are too narrow "
-        "for tests that were not fitted. {line}",
+        remedy="The bands are too narrow for tests that were not fitted: allow for differences "
+        "between runs, or change the law. {line}",
     ),
     Message(
         "no_hysteresis",
