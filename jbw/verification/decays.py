@@ -26,8 +26,8 @@ from jbw.verification.bands import (
     QUANTILE_AXIS,
     band,
     error,
-    gaussian_band,
     half_width,
+    noisy_band,
     recentred,
     within,
 )
@@ -54,6 +54,7 @@ Entered = Callable[
 OWN = "own_{}"  # name of a draw's standard normal deviation from the best initial state
 # relative standard deviation of frequency between records, assumed if no decay was fitted
 NO_SHIFT = 1e-6
+MISSED_KEY = 1  # number from which the random key of the model discrepancy is derived
 # number of iterations for a record's own natural frequency; each one reduces the phase error
 # tenfold
 OWN_STEPS = 8
@@ -157,7 +158,7 @@ def _compared(
         groups = changed(only.groups, labels=name, runs=name, noise_std=np.array([noise]))
         seen = replace(only, groups=groups)
         time = np.arange(len(measured_envelope)) * stride / chosen.fs
-        key_entry, key_missed = jax.random.split(jax.random.fold_in(key, i))
+        key_entry, key_other = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
         missed = source.basis.discrepancy if held_out else None
         begin, end = (
@@ -178,12 +179,12 @@ def _compared(
             noise = max(noise, np.sqrt(white_square(missing) / 2))
         model, scatter = np.real(envelope * carrier), noise
         if missed is not None and not missed.is_nothing:
-            since = time - 0.5 * seen_s
+            key_missed, since = jax.random.fold_in(key_other, MISSED_KEY), time - 0.5 * seen_s
             model, size = _with_discrepancy(key_missed, envelope, since, omega_n, at, carrier)
             scatter = np.hypot(noise, missed.share_of(test.kind, at) * size)
         measured, later = np.real(measured_envelope * carrier), time >= seen_s
         model_band = band(model)
-        predictive = gaussian_band(model, scatter)
+        predictive = noisy_band(model, scatter)
         edges = (predictive if source.noise else model_band)[:, later]
         inside = within(measured[later], edges)
         variables = {

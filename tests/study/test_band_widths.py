@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.integrate import quad
 from scipy.stats import norm
 
-from jbw.verification.bands import band, half_width
+from jbw.verification.bands import half_width, noisy_band
 
 
 def test_a_band_of_known_width():
@@ -18,12 +17,11 @@ def test_a_band_of_known_width():
     assert half_width(edges, np.array([3.0, 3.0])) == pytest.approx(np.sqrt(10) / 6, rel=1e-15)
 
 
-def test_the_band_of_a_hundred_normal_draws_is_nearly_as_wide_as_of_all():
-    """The outermost of a hundred draws lies at 2.508 on average, the end of the band at 2.576."""
-    density = lambda x: 100 * x * norm.pdf(x) * norm.cdf(x) ** 99  # noqa: E731
-    outermost, _ = quad(density, -10, 10)
-    draws = np.random.default_rng(0).standard_normal((100, 20_000))
-    low, _, high = band(draws).mean(axis=1)
-    # The mean of 20,000 largest draws has a standard error of 0.003.
-    assert 0.5 * (high - low) == pytest.approx(outermost, abs=0.01)
-    assert outermost / norm.ppf(0.995) == pytest.approx(0.9735, abs=1e-3)
+def test_noise_adds_to_a_band_in_squares():
+    """Draws three to either side of their median, with noise whose 99 % band is four wide."""
+    draws = np.linspace(-3.0, 3.0, 1001)[:, None] / 0.99  # of these 99 % lie within 3
+    low, middle, high = noisy_band(draws, 4.0 / norm.ppf(0.995))
+    np.testing.assert_allclose([low[0], middle[0], high[0]], [-5.0, 0.0, 5.0], atol=1e-12)
+    # Without a spread of the draws the band is that of the noise, however few they are.
+    low, _, high = noisy_band(np.zeros((2, 1)), 1.0)
+    assert high[0] == -low[0] == pytest.approx(norm.ppf(0.995), rel=1e-15)

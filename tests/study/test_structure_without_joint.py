@@ -10,7 +10,6 @@ from toy_campaign import TRUTH
 import jbw
 from jbw.identification import checks, joint
 from jbw.observables.dataset import log_likelihood, stacked
-from jbw.verification import decays
 
 pytestmark = pytest.mark.slow
 
@@ -18,8 +17,8 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def answered(tmp_path_factory):
     """The study, what was said, lots of evaluations, and how often a joint was asked for."""
-    said, lots, asked, entered = [], Counter(), [], []
-    ask, enter = joint.without_joint, decays._entered
+    said, lots, asked = [], Counter(), []
+    ask = joint.without_joint
 
     def counted(function):
         solver = function.solver
@@ -35,19 +34,14 @@ def answered(tmp_path_factory):
         asked.append(arguments)
         return ask(*arguments)
 
-    def counted_entry(key, motion, seen, steps, *law_std):
-        entered.append((motion.shape, seen.groups.labels, seen.mean.shape, steps.shape))
-        return enter(key, motion, seen, steps, *law_std)
-
     with pytest.MonkeyPatch.context() as patch:
         for function in (log_likelihood, stacked):
             patch.setattr(function, "solver", counted(function))
         for asking in (joint, checks):
             patch.setattr(asking, "without_joint", counted_question)
-        patch.setattr(decays, "_entered", counted_entry)
         path = write_linear(tmp_path_factory.mktemp("linear"))
         study = jbw.identify(jbw.load_campaign(path), seed=1, report=said.append)
-    return study, said, lots, asked, entered
+    return study, said, lots, asked
 
 
 def test_a_structure_without_a_joint_is_answered_by_its_fit(answered):
@@ -70,7 +64,7 @@ def test_a_structure_without_a_joint_is_answered_by_its_fit(answered):
 
 
 def test_what_is_not_there_costs_two_programs_and_one_question(answered):
-    *_, lots, asked, entered = answered
+    *_, lots, asked = answered
     with_joint = {key: count for key, count in lots.items() if key[1]}
     # Its residual and its likelihood, and neither at finer steps of the solver.
     assert sorted(what for what, *_ in with_joint) == ["log_likelihood", "stacked"]
@@ -80,6 +74,3 @@ def test_what_is_not_there_costs_two_programs_and_one_question(answered):
     # Of a structure without a joint the steps are exact: none is halved.
     assert len({steps for _, laws, steps in lots if not laws}) == 1
     assert len(asked) == 1
-    # Fitted and held-out records: a program for each of both lengths.
-    assert len(entered) == 4
-    assert len(set(entered)) == 2
