@@ -26,8 +26,9 @@ SHOWN = PAGES / "shown"
 MARK = re.compile(r"<!-- shown (\w+) -->\n.*?<!-- end -->", re.DOTALL)
 FIGURE = "The first figure of the report: the joint that was identified"
 CAPTION = (
-    "*The first figure of `run/report.html`. The figure and the outputs above come from the "
-    "commands on this page, by `python docs/run_laboratories.py`.*"
+    "*The first figure of `run/report.html`. "
+    "`python docs/run_laboratories.py` runs the commands on this page and writes this figure and "
+    "the outputs above.*"
 )
 CALL = "import sys; from jbw.cli import run; sys.exit(run(sys.argv[1:]))"
 WIDTH = "100"  # columns of the terminal that the output is for
