@@ -114,6 +114,8 @@ PASTED = {
     + "test_every_line_pasted_for_spoilt_samples_cures",
     ("report/messages/remedies.py", "span"): CHECKS
     + "test_every_line_pasted_for_spoilt_samples_cures",
+    ("report/messages/stages.py", "resample"): "identification/test_size.py::"
+    "test_a_long_fit_proposes_a_rate_that_shortens_it",
     ("measurement/files/sampling.py", "resample"): FILES + "test_a_pasted_rate_cures",
     ("measurement/files/clocks.py", "resample"): CHECKS
     + "test_every_line_pasted_for_broken_times_cures",

@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 
 from jbw.observables.dataset import Dataset
-from jbw.observables.decay_envelopes import Envelopes
-from jbw.observables.records import Records
 from jbw.observables.samples import loudest_hz
 from jbw.oscillator.modes.assembled import is_assembled, num_modes
 from jbw.quantities import joints_of
@@ -38,11 +36,9 @@ def announced(
 
 def _solver_steps(part: Any) -> int:
     """Return the number of solver steps that predict a part of the dataset; 0 without any."""
-    if isinstance(part, Records) and part.laws:
-        return part.held.samples.size * part.substeps
-    if isinstance(part, Envelopes) and part.laws:
-        return part.num_samples * part.substeps
-    return 0
+    held = getattr(part, "held", None)  # the input of records over time; free decays have none
+    num_samples = getattr(part, "num_samples", 0) if held is None else held.samples.size
+    return num_samples * (part.substeps or 0) if part.laws else 0
 
 
 def _step_ns(data: Dataset) -> float:
@@ -56,7 +52,7 @@ def _step_ns(data: Dataset) -> float:
 
 def _lower_rate(part: Any) -> float | None:
     """Return a sampling rate [Hz] that halves the work or better; None if the rate is low."""
-    if not isinstance(part, Records):
+    if getattr(part, "held", None) is None:
         return None
     hz = loudest_hz(np.asarray(part.mean), part.fs)
     rate = float(np.ceil(PER_PERIOD * hz))

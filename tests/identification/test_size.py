@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pasted import pasted
 
 from jbw.identification import size
 from jbw.identification.size import announced
@@ -51,7 +52,8 @@ def test_a_long_fit_proposes_a_rate_that_shortens_it():
     _, sentence = reported(test)
     # 81,920 steps of 13.3 ns, 500,000 times: 545 s
     assert "about 9.1 minutes" in sentence
-    rate = float(sentence.split("`resample = ")[1].split("`")[0])
+    (stated,) = pasted(sentence).tests
+    rate = stated.resample
     assert rate == np.ceil(40 * HZ)
     (record,) = test.records
     channels = {name: at_rate(x, record.fs, rate)[0] for name, x in record.channels.items()}
@@ -63,4 +65,4 @@ def test_a_long_fit_proposes_a_rate_that_shortens_it():
 def test_a_long_fit_at_a_low_rate_proposes_a_part_of_the_record():
     _, sentence = reported(sweep(1024.0, 32.0))
     assert "resample" not in sentence
-    assert "`span = [first, last]`" in sentence
+    assert "with the key `span`" in sentence

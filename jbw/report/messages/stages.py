@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from jbw.report.messages.message import listed
+from jbw.report.messages.remedies import put
 
 READING_RECORDS = "Measuring frequency and damping of the records without a model"
 DRAWING = "Drawing the posterior"
@@ -131,12 +132,15 @@ def joint_posterior(count: int, steps: int) -> str:
 
 def long_fit(seconds: float, tests: Sequence[str], rate: float | None) -> str:
     """Return the sentence that a fit will take long, with the line that shortens it."""
-    shorter = "`span = [first, last]` with the seconds that contain the motion"
-    if rate is not None:
-        shorter = f"`resample = {rate:g}`, a lower sampling rate, or {shorter}"
+    keep = "Keep only the seconds that contain the motion, with the key `span`."
+    lower = (
+        ""
+        if rate is None
+        else f"Lower the sampling rate of these records. {put('[test]', 'resample', rate)} "
+    )
     return (
-        f"This fit will take about {seconds / 60:.2g} minutes of one processor core. To shorten "
-        f"it, put under the [[test]] with the most samples, {listed(tests)}: {shorter}."
+        f"This fit will take about {seconds / 60:.2g} minutes of one processor core, most of them "
+        f"for {listed(tests)}. {lower}{keep}"
     )
 
 
