@@ -52,9 +52,10 @@ def _noisy(rng: Rng, perfect: Sequence[Member], made: Campaign, case: str) -> li
     """Return the records with noise; the first record is disturbed as the case says."""
     first = perfect[0].drawn
     if case == "shifted":
-        first = KINDS[first.kind](
-            rng, replace(made.specimen, hz=made.specimen.hz * (1 + SHIFT)), perfect[0].level
-        )
+        one = made.specimen
+        # At the same sampling rate: files of one test state it together.
+        moved = replace(one, hz=one.hz * (1 + SHIFT), per_period=one.per_period / (1 + SHIFT))
+        first = KINDS[first.kind](rng, moved, perfect[0].level)
     if case == "noisy":
         first = replace(first, noise=LOUDER * first.noise)
     every = [first, *(one.drawn for one in perfect[1:])]
