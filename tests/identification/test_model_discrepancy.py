@@ -424,6 +424,17 @@ def test_bands_of_stronger_decays_hold_what_a_wrong_law_misses():
     assert after["half_width"] / 2.576 <= 3 * after["nrmse"]
 
 
+@pytest.mark.parametrize("noisy", [None, 0.55])
+def test_bands_of_a_held_out_decay_hold_its_own_noise(noisy):
+    """Ten times the noise of the fitted records: the law is right, so that 99 % lie inside."""
+    _, basis, _ = learned(0.0)
+    unseen = decays((0.55,), name="unseen", noisy=noisy)
+    attrs = predict(basis, unseen, Request(num_draws=100)).attrs
+    # About 700 independent values of a filtered record: 99 % within two standard deviations.
+    assert attrs["coverage"] == pytest.approx(0.99, abs=0.008)
+    assert 0.9 < attrs["half_width"] / (2.576 * attrs["nrmse"]) < 1.15
+
+
 def test_a_band_far_beyond_what_was_fitted_is_withheld_in_words():
     _, bare, basis = learned(2e-4)
     far = decays((1e2,), name="far")  # the fitted records lie within a factor of 3.3
