@@ -12,7 +12,7 @@ from jbw.errors import DataError
 from jbw.measurement.channels import whole_down, whole_up
 from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.batch import filled_up
-from jbw.oscillator.deepening import with_depth
+from jbw.oscillator.deepening import OF_SEVERAL_MODES, with_depth
 from jbw.oscillator.hold import HeldInput, held, namespace
 from jbw.oscillator.law import laws_in
 from jbw.oscillator.modes.parameters import (
@@ -102,7 +102,9 @@ def _models(
         if not has_further_modes(point):
             return with_depth(oscillator_of(point, laws), depth)
         structure = at_points(point, modal_structure_of(point, laws))
-        return with_depth(by_joint(structure), depth)
+        # as many load reversals as `jbw.simulate` begins with where several modes move
+        deep = None if depth is None else max(depth, OF_SEVERAL_MODES)
+        return with_depth(by_joint(structure), deep)
 
     return jax.vmap(model)(dict(theta))
 

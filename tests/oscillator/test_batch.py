@@ -1,6 +1,7 @@
 """Oscillators side by side by one program, against `jbw.simulate` one after the other."""
 
 import gc
+from dataclasses import replace
 from typing import Any
 
 import jax
@@ -12,7 +13,7 @@ from compiling import Compiled
 
 import jbw
 from jbw.inference.groups.offsets import estimate
-from jbw.observables.samples import band_limited
+from jbw.observables.samples import band_limited, models_at, response_to
 from jbw.oscillator import batch
 from jbw.oscillator.batch import (
     INTERVALS,
@@ -23,8 +24,9 @@ from jbw.oscillator.batch import (
     record_of,
     released,
 )
-from jbw.oscillator.deepening import with_depth
+from jbw.oscillator.deepening import OF_SEVERAL_MODES, with_depth
 from jbw.oscillator.laws import laws_named
+from jbw.oscillator.laws.reversals import SIZE
 from jbw.oscillator.oscillator import oscillator_of
 
 FS = 1024.0
@@ -220,3 +222,26 @@ def test_what_was_made_of_a_record_goes_with_it():
     del source
     gc.collect()
     assert len(batch._CACHE._made) <= before
+
+
+@pytest.mark.slow
+def test_a_structure_remembers_as_many_reversals_as_alone():
+    """Noise over two modes that move one joint of Iwan-4, whose load reverses hundreds of times."""
+    rng, size = np.random.default_rng(3), 3000
+    line = np.fft.rfftfreq(size, 1 / FS)
+    phases = np.exp(2j * np.pi * rng.random(len(line)))
+    u = np.fft.irfft(((line > 8) & (line < 70)) * phases, size)
+    source, laws = band_limited(6.0 * u / u.std()), ("iwan4",)
+    theta = {
+        "omega_n": 118.0, "zeta": 0.003, "gain": 15.0, "iwan_stiffness": 600.0, "iwan_loss": 300.0,
+        "iwan_chi": -0.3, "iwan_beta": 0.5, "omega_2": 300.0, "zeta_2": 0.004,
+        "gain_ratio_2": -0.9, "shape_2": 1.4, "sign_2": -1.0, "coupling_2": 1.7,
+    }  # fmt: skip
+    models: Any = models_at({name: np.full(2, x) for name, x in theta.items()}, laws, depth=SIZE)
+    assert {law.depth for of_joint in models.laws for law in of_joint} == {OF_SEVERAL_MODES}
+    models = replace(models, c=models.c[:, [0, 0]])
+    found = march(models, np.full(2, theta["gain"]), record_of(source), FS, 2, 1).response
+    point = {name: jnp.asarray(x) for name, x in theta.items()}
+    alone = response_to(point, source, FS, response="velocity", laws=laws, depth=SIZE)
+    # Both take the same steps; rounding is amplified by the resonance.
+    np.testing.assert_allclose(found[0], alone, rtol=0, atol=1e-12 * np.abs(alone).max())
