@@ -7,7 +7,7 @@ is held out. In turn the stated law is the right one, another one, the right one
 record has ten times the noise, and the right one where the frequency of one fitted record is 0.01 %
 higher. The table has the grades of each case, the share of the held-out values inside the 99 %
 bands, and the bands' width: half width over 2.58 times the rms error, one of a calibrated Gaussian.
-For sweeps the band is that of one repeat and the error that of the mean of two, so that 1.41 is right.
+For sweeps the band is that of one repeat, and the error that of the mean of two: 1.41 is right.
 """
 
 import json
