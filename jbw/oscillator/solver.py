@@ -142,12 +142,12 @@ class HysteresisExact(diffrax.AbstractSolver):
     def step(self, terms, t0, t1, y0, args: Stepping, *progress):
         """Advance by one substep; diffrax expects the other returned values."""
         substep, _ = progress
-        powers = tuple(piece[substep] for piece in args.pieces)
+        push = args.push(tuple(piece[substep] for piece in args.pieces))
         # The state is a flat tuple, because springs have an empty internal state.
         laws = args.step.laws
         at_rest = packed(laws, (0.0, 0.0, tuple(law.at_rest() for law in laws)))
         state = jax.tree.unflatten(jax.tree.structure(at_rest), y0)
-        y1 = tuple(jax.tree.leaves(args.onward(state, powers)))
+        y1 = tuple(jax.tree.leaves(advance(args.step, state, push, kinks="met")))
         dense_info = dict(y0=y0, y1=y1)
         return y1, None, dense_info, substep + 1, diffrax.RESULTS.successful
 
