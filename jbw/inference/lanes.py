@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import partial
 from threading import Event, Lock
 from typing import Any
 
@@ -84,33 +83,38 @@ def at_points(
     count = len(next(iter(theta.values())))
     solver, given_up = getattr(function, "solver", None), _GIVEN_UP.get()
     cores = num_cores()
+    threads = max(cores // -(-count // LANES), 1)  # for each lot of a solver
 
-    def lots_of(size: int) -> list[dict[str, np.ndarray]]:
+    def directly(lot: Mapping[str, np.ndarray]) -> Any:
+        return _values(function, _on_device(lot), data)
+
+    def after_solver(lot: Mapping[str, np.ndarray]) -> Any:
+        solved = solver(lot, data, threads)  # pyright: ignore[reportOptionalCall]
+        return solved and _rest(function, _on_device(lot), *solved)
+
+    def of_lots(evaluate: Callable[[Mapping[str, np.ndarray]], Any], size: int) -> list[Any]:
         filled = {
             name: np.pad(values, (0, -count % size), "edge") for name, values in theta.items()
         }
-        return [
-            {name: values[first : first + size] for name, values in filled.items()}
-            for first in range(0, count, size)
-        ]
 
-    def values_of(lot: Mapping[str, np.ndarray], threads: int = 0) -> Any:
-        """Return the values of a lot; with `threads`, use the solver, or return None without it."""
-        if given_up is not None and given_up.is_set():
-            raise CancelledError
-        on_device = {name: jax.device_put(values) for name, values in lot.items()}
-        if not threads:
-            return jax.tree.map(np.asarray, _values(function, on_device, data))
-        solved = solver(lot, data, threads) if solver is not None else None
-        return solved and jax.tree.map(np.asarray, _rest(function, on_device, *solved))
+        def of_lot(first: int) -> Any:
+            if given_up is not None and given_up.is_set():
+                raise CancelledError
+            lot = {name: values[first : first + size] for name, values in filled.items()}
+            return jax.tree.map(np.asarray, evaluate(lot))
 
-    with ThreadPoolExecutor(cores) as pool:  # The first batch compiles the program.
-        full = lots_of(LANES)
-        rows = list(pool.map(partial(values_of, threads=max(cores // len(full), 1)), full))
-        if rows[0] is None:
-            rows = list(pool.map(values_of, lots_of(lanes)))
+        with ThreadPoolExecutor(cores) as pool:  # The first batch compiles the program.
+            return list(pool.map(of_lot, range(0, count, size)))
+
+    rows = [None] if solver is None else of_lots(after_solver, LANES)
+    if rows[0] is None:  # The solver does not apply.
+        rows = of_lots(directly, lanes)
     evaluated.info("%d", count)
     return jax.tree.map(lambda *lots: np.concatenate(lots)[:count], *rows)
+
+
+def _on_device(lot: Mapping[str, np.ndarray]) -> dict[str, Array]:
+    return {name: jax.device_put(values) for name, values in lot.items()}
 
 
 @KeptProgram
