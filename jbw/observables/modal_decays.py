@@ -40,6 +40,7 @@ from jbw.observables.modes import Modes
 from jbw.observables.observable import Laws, Shown, Theta
 from jbw.oscillator.law import Memory
 from jbw.oscillator.modes.parameters import structure_of
+from jbw.oscillator.modes.response import remainder_of
 from jbw.oscillator.modes.structure import Memories, Structure, by_joint
 from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR
@@ -250,15 +251,8 @@ def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " m
     r"""Return each mode's static position under joint forces, $-\sum_j p_{ij} r_j / \omega_i^2$."""
     h, p, omega_n = (jnp.asarray(x) for x in (structure.h, structure.p, structure.omega_n))
     x, moves, memories = h @ q, h @ v, memory_at(structure, q, v)
-
-    def remainder(j: int) -> Array:
-        """Return the nonlinear part of the force of joint j."""
-        pairs = zip(joint_laws(structure)[j], memories[j], strict=True)
-        forces = [law.force(x[j], moves[j], memory) - law.stiffness() * x[j]
-                  for law, memory in pairs]  # fmt: skip
-        return jnp.sum(jnp.stack(forces)) if forces else jnp.zeros(())
-
-    r = jnp.stack([remainder(j) for j in range(len(h))])
+    joints = zip(joint_laws(structure), x, moves, memories, strict=True)
+    r = jnp.stack([remainder_of(*joint) for joint in joints])
     is_held = omega_n > 0
     return jnp.where(is_held, -(p @ r) / jnp.where(is_held, omega_n, 1.0) ** 2, 0.0)
 

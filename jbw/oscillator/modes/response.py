@@ -223,6 +223,12 @@ def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
     return StructureResponse(t, q, dq, x, z, r, work, c @ q, c @ dq, c @ ddq, residual, guesses)
 
 
+def remainder_of(laws: Any, x: Scalar, dx: Scalar, memory: Any) -> Any:
+    """Return the nonlinear force of a joint's laws, their force minus that of their stiffness."""
+    pairs = zip(laws, memory, strict=True)
+    return sum((law.force(x, dx, held) - law.stiffness() * x for law, held in pairs), 0.0 * x)
+
+
 def output_of(structure: Any, c: Array, order: int, state: ModalState, u: Scalar) -> Scalar:
     """Return displacement, velocity or acceleration (`order` 0, 1, 2) of an output in one state.
 
@@ -235,8 +241,7 @@ def output_of(structure: Any, c: Array, order: int, state: ModalState, u: Scalar
     pull: list[Any] = [0.0] * len(q)
     for j, (laws, memory) in enumerate(zip(structure.laws, memories, strict=True)):
         x, dx = (added(h[j, i] * part[i] for i in modes) for part in (q, v))
-        pairs = list(zip(laws, memory, strict=True))
-        r = sum((law.force(x, dx, held) - law.stiffness() * x for law, held in pairs), 0.0)
+        r = remainder_of(laws, x, dx, memory)
         pull = [pull[i] + p[i, j] * r for i in modes]
     omega_n, zeta, b = structure.omega_n, structure.zeta, structure.b
     return added(
@@ -252,9 +257,8 @@ def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
     x, dx = structure.h @ q, structure.h @ v
 
     def of_joint(laws: Any, x: Array, dx: Array, memory: Any) -> tuple[Array, Any]:
-        pairs = list(zip(laws, memory, strict=True))
-        parts = (law.force(x, dx, held) - law.stiffness() * x for law, held in pairs)
-        return sum(parts, 0.0 * x), tuple(law.rate(x, dx, held) for law, held in pairs)
+        rates = (law.rate(x, dx, held) for law, held in zip(laws, memory, strict=True))
+        return remainder_of(laws, x, dx, memory), tuple(rates)
 
     joints = zip(structure.laws, x, dx, memories, strict=True)
     forces, rates = zip(*(of_joint(*joint) for joint in joints), strict=True)
