@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from numpy.typing import ArrayLike
 from scipy.linalg import block_diag
 from scipy.special import chdtrc, erfc, fdtrc
 
@@ -30,6 +31,7 @@ INSIDE = 6.63  # limit on 2 ln of the likelihood ratio for the 99 % interval of 
 RECORDS, AMPLITUDE = 1e-3, 1e-4
 # relative standard deviations between records that are tried
 SPREADS = np.geomspace(1e-7, 1.0, 141)
+LEAST_VARIANCE = 1e-14  # smallest variance of a value, relative to the mean squared
 # smallest ratio of largest to smallest amplitude at which an effect of amplitude is tested
 LEAST_RANGE = 1.2
 # smallest changes that are reported: relative change of the frequency, divided by zeta; relative
@@ -136,15 +138,15 @@ class _RowsOfRecords(NamedTuple):
     blocks: tuple[Float[np.ndarray, "row row"], ...]
 
     def split(self, values: Reals) -> list[Reals]:
-        """Split an array of all records' values into one array per record."""
-        return np.split(values, np.cumsum([len(block) for block in self.blocks])[:-1])
+        """Split an array with columns of all records' values into one array per record."""
+        return np.split(values, np.cumsum([len(block) for block in self.blocks])[:-1], axis=-2)
 
 
 class _Estimate(NamedTuple):
-    values: Reals
-    covariance: Float[np.ndarray, "unknown unknown"]
-    squares: float  # sum of squares of the residual, in units of its covariance
-    penalty: float  # -2 ln of the restricted likelihood
+    values: Float[np.ndarray, "*axes unknown"]
+    covariance: Float[np.ndarray, "*axes unknown unknown"]
+    squares: Float[np.ndarray, "*axes"]  # of the residual, in units of its covariance
+    penalty: Float[np.ndarray, "*axes"]  # -2 ln of the restricted likelihood
 
 
 def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
@@ -164,8 +166,9 @@ def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
     tau, records_chance = _between_records(rows, design)
     found = _estimated(rows, design, tau)
     degrees = max(len(rows.value) - design.shape[1], 1)
-    inflated = found.covariance * max(found.squares / degrees, 1.0)
-    offsets = _offsets(rows, design, found, tau)
+    inflation = max(float(found.squares) / degrees, 1.0)
+    inflated = found.covariance * inflation
+    offsets = _offsets(rows, design, found)
     at_rest, sd_scale = float(found.values[0]) * unit, 1.0 if quantity == "hz" else unit
     none = AmplitudeTrend(
         at_rest, 0.0, float(np.sqrt(inflated[0, 0])) * sd_scale, 1.0, False, None, None, tau,
@@ -195,7 +198,7 @@ def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
         )
     return AmplitudeTrend(
         at_rest=at_rest, change=change * sd_scale, change_sd=change_sd * sd_scale, chance=chance,
-        is_seen=True, exponent=None if turn else _exponent(rows, tau, found.squares / degrees),
+        is_seen=True, exponent=None if turn else _exponent(rows, tau, inflation),
         turn=None if turn is None else (turn * top, (_at(found.values, turn)) * unit),
         scatter=tau, records_chance=records_chance, offsets=offsets,
         onset=_onset(b, inflated[1:, 1:], low / top, top),
@@ -207,31 +210,46 @@ def _rows(tables: Sequence[RecordTable], quantity: str, unit: float, top: float)
     for table in map(few_rows, tables):
         values.append(getattr(table, quantity) / unit)
         r.append(table.y / top)
-        covariance = getattr(table, f"{quantity}_covariance") / unit**2
-        blocks.append(covariance + 1e-14 * np.eye(len(table.y)))
+        blocks.append(getattr(table, f"{quantity}_covariance") / unit**2)
     return _RowsOfRecords(np.concatenate(r), np.concatenate(values), tuple(blocks))
 
 
 def _estimated(
-    rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], tau: float
+    rows: _RowsOfRecords, design: Float[np.ndarray, "*axes row unknown"], tau: ArrayLike
 ) -> _Estimate:
-    """Estimate coefficients by generalised least squares, given the sd tau between records."""
-    num = design.shape[1]
-    normal, right, squares, log_det = np.zeros((num, num)), np.zeros(num), 0.0, 0.0
-    designs = [
-        np.stack(part, axis=1) for part in zip(*(rows.split(x) for x in design.T), strict=True)
-    ]
-    for block, part, value in zip(rows.blocks, designs, rows.split(rows.value), strict=True):
-        covariance = block + tau**2
-        inverse = np.linalg.inv(covariance)
-        normal += part.T @ inverse @ part
-        right += part.T @ inverse @ value
-        squares += float(value @ inverse @ value)
-        log_det += float(np.linalg.slogdet(covariance)[1])
-    spread = np.linalg.pinv(normal, rcond=1e-13, hermitian=True)
-    values = spread @ right
-    left = max(squares - float(right @ values), 0.0)
-    return _Estimate(values, spread, left, left + log_det + float(np.linalg.slogdet(normal)[1]))
+    r"""Estimate coefficients by generalised least squares, given the sd tau between records.
+
+    The columns X of design and values are divided into their mean m in each record and the rest,
+    which the variation between records does not change:
+
+    $$X^T (C + \tau^2 1 1^T)^{-1} X = (X - 1 m)^T C^{-1} (X - 1 m) + \frac{m^T m}{1/s + \tau^2},
+      \qquad s = 1^T C^{-1} 1, \quad m = 1^T C^{-1} X / s$$
+
+    Leading axes of `design` and `tau` are separate estimates.
+    """
+    variance = np.square(tau)[..., None, None]
+    axes = np.broadcast_shapes(design.shape[:-2], variance.shape[:-2])
+    value = np.broadcast_to(rows.value[:, None], (*design.shape[:-1], 1))
+    parts, log_det = [], np.zeros(axes)
+    for block, columns in zip(
+        rows.blocks, rows.split(np.concatenate([design, value], axis=-1)), strict=True
+    ):
+        variances, vectors = np.linalg.eigh(block)
+        whitening = vectors.T / np.sqrt(np.maximum(variances, LEAST_VARIANCE))[:, None]
+        ones = whitening.sum(axis=1, keepdims=True)
+        s, white = np.sum(ones**2), whitening @ columns
+        mean = ones.T @ white / s
+        parts += [white - ones * mean, mean / np.sqrt(1 / s + variance)]
+        log_det = log_det - 2 * np.linalg.slogdet(whitening)[1] + np.log1p(s * variance[..., 0, 0])
+    stacked = np.concatenate([np.broadcast_to(x, (*axes, *x.shape[-2:])) for x in parts], axis=-2)
+    columns, white = stacked[..., :-1], stacked[..., -1:]
+    u, scales, v = np.linalg.svd(columns, full_matrices=False)
+    inverse = np.where(scales > 1e-13 * scales[..., :1], 1 / np.maximum(scales, 1e-300), 0.0)
+    values = v.mT @ (inverse[..., None] * (u.mT @ white))
+    squares = np.sum((white - columns @ values) ** 2, axis=(-2, -1))
+    covariance = v.mT @ (inverse[..., None] ** 2 * v)
+    penalty = squares + log_det + 2 * np.sum(np.log(np.maximum(scales, 1e-300)), axis=-1)
+    return _Estimate(values[..., 0], covariance, squares, penalty)
 
 
 def _between_records(
@@ -240,10 +258,9 @@ def _between_records(
     """Return the standard deviation between records, and the p-value of such a variation."""
     if len(rows.blocks) < 2 or len(rows.value) - design.shape[1] < 1:
         return 0.0, 1.0
-    nothing = _estimated(rows, design, 0.0).penalty
-    penalties = [_estimated(rows, design, float(tau)).penalty for tau in SPREADS]
+    nothing, *penalties = _estimated(rows, design, np.append(0.0, SPREADS)).penalty
     at = int(np.argmin(penalties))
-    gain = max(nothing - penalties[at], 0.0)
+    gain = max(float(nothing - penalties[at]), 0.0)
     # Without variation, the variance is at its bound, and the statistic is half a chi-square
     # variable.
     chance = 0.5 * float(erfc(np.sqrt(gain / 2)))
@@ -251,16 +268,15 @@ def _between_records(
 
 
 def _offsets(
-    rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], found: _Estimate, tau: float
+    rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], found: _Estimate
 ) -> tuple[tuple[float, float], ...]:
     """Return the mean residual of every record with its standard deviation."""
-    left = rows.split(rows.value - design @ found.values)
-    weights = [np.linalg.inv(block).sum() for block in rows.blocks]
-    sums = [
-        float(np.linalg.inv(block).sum(axis=0) @ part)
-        for block, part in zip(rows.blocks, left, strict=True)
-    ]
-    return tuple((s / w, 1 / float(np.sqrt(w))) for s, w in zip(sums, weights, strict=True))
+    residuals = rows.split((rows.value - design @ found.values)[:, None])
+    weights = [np.linalg.inv(block).sum(axis=0) for block in rows.blocks]
+    return tuple(
+        (float(w @ residual[:, 0] / w.sum()), float(w.sum() ** -0.5))
+        for w, residual in zip(weights, residuals, strict=True)
+    )
 
 
 def _at(values: Reals, r: float) -> float:
@@ -298,10 +314,9 @@ def _exponent(
     """Return the exponent of the amplitude with its 99 % interval, from the profile likelihood."""
     if len(rows.value) < 4:
         return None
-    squares = np.array([
-        _estimated(rows, np.column_stack([np.ones(len(rows.r)), rows.r**p]), tau).squares
-        for p in EXPONENTS
-    ]) / max(inflation, 1.0)  # fmt: skip
+    powers = rows.r ** EXPONENTS[:, None]
+    designs = np.stack([np.ones_like(powers), powers], axis=-1)
+    squares = _estimated(rows, designs, tau).squares / inflation
     best = int(np.argmin(squares))
     inside = EXPONENTS[squares < squares[best] + INSIDE]
     return float(EXPONENTS[best]), float(inside.min()), float(inside.max())
