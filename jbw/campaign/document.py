@@ -385,6 +385,14 @@ def campaign_in(folder: Path) -> Path | None:
     return usual[0] if len(usual) == 1 else None
 
 
+def campaigns_below(folder: Path) -> list[Path]:
+    """Return the campaign files in the folders of a folder that has no TOML file itself."""
+    if any(folder.glob("*.toml")):
+        return []
+    inside = (campaign_in(path) for path in sorted(folder.iterdir()) if path.is_dir())
+    return [path for path in inside if path is not None]
+
+
 def require_file(path: Path, what: str, remedy: str) -> None:
     """Raise a ConfigError unless a path is a readable file; see `text_of` for the arguments."""
     try:

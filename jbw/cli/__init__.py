@@ -39,6 +39,7 @@ MORE = {
         "plan": "plan",
     },
     "Several joints, over time": {
+        "status": "status",
         "collect": "collect",
         "population": "population",
         "watch": "watch",

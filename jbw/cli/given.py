@@ -4,7 +4,14 @@ import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from jbw.campaign.document import CAMPAIGN, NAMED, campaign_in, is_campaign, require_file
+from jbw.campaign.document import (
+    CAMPAIGN,
+    NAMED,
+    campaign_in,
+    campaigns_below,
+    is_campaign,
+    require_file,
+)
 from jbw.campaign.draft import (
     Draft,
     measurement_files,
@@ -21,9 +28,10 @@ Tell = Callable[[str], None]
 def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -> list[Path]:
     """Return the campaign files for given paths; draft one for records without a campaign.
 
-    A folder refers to the campaign file in it; if it contains only records, their campaign is
-    drafted and written there. Named records are drafted into one campaign, which is written next to
-    them. Its name is that of the first record, without its number if there are several.
+    A folder refers to the campaign file in it, or to those of its folders; if it contains only
+    records, their campaign is drafted and written there. Named records are drafted into one
+    campaign, which is written next to them. Its name is that of the first record, without its
+    number if there are several.
 
     Args:
         given: Campaign files, folders, records, or patterns of their names.
@@ -44,7 +52,7 @@ def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -
     for path in given:
         if path not in named:
             is_folder = path.is_dir()
-            campaigns.append(_of_folder(path, tell, mass) if is_folder else _there(path, mass))
+            campaigns += _of_folder(path, tell, mass) if is_folder else [_there(path, mass)]
         elif path is named[0]:
             campaigns.append(_of_records(named, tell, mass))
     return campaigns
@@ -64,13 +72,16 @@ def _there(campaign: Path, mass: float | None) -> Path:
     return campaign
 
 
-def _of_folder(folder: Path, tell: Tell, mass: float | None) -> Path:
+def _of_folder(folder: Path, tell: Tell, mass: float | None) -> list[Path]:
     if (campaign := campaign_in(folder)) is not None:
-        return _there(campaign, mass)
-    if any(folder.glob("*.toml")) or not measurement_files(folder):
+        return [_there(campaign, mass)]
+    records = measurement_files(folder)
+    if not records and (several := campaigns_below(folder)):
+        return [_there(campaign, mass) for campaign in several]
+    if any(folder.glob("*.toml")) or not records:
         # The error asks the user to name one of several files, or names the command for a draft.
         require_file(folder, *CAMPAIGN)
-    return _written(start_campaign(folder, mass=mass), folder / NAMED, tell)
+    return [_written(start_campaign(folder, mass=mass), folder / NAMED, tell)]
 
 
 def _of_records(records: Sequence[Path], tell: Tell, mass: float | None) -> Path:

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,12 +42,13 @@ from jbw.report.messages.stages import SAVED
 from jbw.report.table import Table, digits, table, words
 from jbw.run.checkpoints import INTERRUPTED
 from jbw.run.folder import OF_RIG, Run, begin, reopen, require_same
-from jbw.run.manifest import Manifest, command_line
+from jbw.run.manifest import KEPT, Keep, Manifest, command_line
 
 if TYPE_CHECKING:
     from jbw.results.run import RunSummary, StoredVerdict  # loads pydantic
 
 Say = Callable[[str], None]
+MOST_ROWS = 40  # largest number of campaigns of which each has a line in the table
 
 
 @click.command()
@@ -147,6 +149,14 @@ def demo(
     "--workers", type=click.IntRange(1), help="Number of processes for several campaigns; by "
     "default half the processors.",
 )  # fmt: skip
+@click.option(
+    "--scheduler", metavar="ADDRESS", help="Address of a running Dask scheduler, such as "
+    "tcp://host:8786, whose workers identify the campaigns.",
+)  # fmt: skip
+@click.option(
+    "--keep", type=click.Choice(KEPT), default="report", show_default=True,
+    help="What to write: the posterior alone, or also the report with its figures.",
+)  # fmt: skip
 @seed_option("campaign")
 @figures_option
 @strict_option
@@ -155,13 +165,13 @@ def demo(
 @outside_option
 def identify(
     given: tuple[Path, ...], out: Path | None, quick: bool, final: bool, brief: bool,
-    mass: float | None, workers: int | None, seed: int | None, figures: tuple[str, ...],
-    strict: bool, json_: bool, verbose: bool, allow_outside: bool,
+    mass: float | None, workers: int | None, scheduler: str | None, keep: Keep, seed: int | None,
+    figures: tuple[str, ...], strict: bool, json_: bool, verbose: bool, allow_outside: bool,
 ) -> int:  # fmt: skip
     """Identify the joint from one CAMPAIGN, or from each of several.
 
-    CAMPAIGN is a campaign file or its folder. From RECORDs, or from a folder of records, a campaign
-    file is drafted first, as by `jbw init`.
+    CAMPAIGN is a campaign file, its folder, or a folder of such folders. From RECORDs, or from a
+    folder of records, a campaign file is drafted first, as by `jbw init`.
 
     Exit code: 0 if the verdict on the main posterior is ok or usable, otherwise 4 (with --strict
     also if it is usable), and 5 after an interruption. `jbw resume` continues an interrupted run,
@@ -176,7 +186,10 @@ def identify(
     Several campaigns run in parallel, each with its own folder in --out; if one fails, the others
     continue. The same command again continues interrupted runs and does not repeat finished ones.
     The exit code is that of the first failure; otherwise 4 if a verdict is neither ok nor usable.
+    `jbw status DIR` shows how far they are.
     """
+    if figures and keep == "posterior":
+        raise click.UsageError("--figures draws figures, which --keep posterior leaves out.")
     campaigns = campaigns_given(given, mass)
     campaign, *others = campaigns
     if others:
@@ -184,32 +197,41 @@ def identify(
             raise click.UsageError("--final is for one campaign: run each campaign separately.")
         place = out or Path("runs")
         asked = {"seed": seed, "allow_outside": allow_outside, "figures": figures, "quick": quick}
-        return identify_several(campaigns, place, workers, json_, strict, asked, brief=brief)
-    if workers is not None:
+        where = {"workers": workers, "scheduler": scheduler}
+        return identify_several(
+            campaigns, place, json_, strict, {**asked, "keep": keep}, **where, brief=brief
+        )
+    if workers is not None or scheduler is not None:
+        option = "--workers" if workers is not None else "--scheduler"
         raise click.UsageError(
-            "--workers is for several campaigns; a single campaign runs in one process."
+            f"{option} is for several campaigns; a single campaign runs in one process."
         )
     source = str(campaign.resolve())
     manifest = Manifest(
         command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick, final=final,
-        figures=figures,
+        figures=figures, keep=keep,
     )  # fmt: skip
     run = begin(out or Path(f"{campaign.stem}-run"), manifest)
     return run_to_end(run, json_=json_, verbose=verbose, strict=strict, brief=brief)
 
 
 def identify_several(
-    campaigns: Sequence[Path], out: Path, workers: int | None, json_: bool, strict: bool,
-    asked: Mapping[str, Any], *, brief: bool = False,
+    campaigns: Sequence[Path], out: Path, json_: bool, strict: bool, asked: Mapping[str, Any], *,
+    workers: int | None = None, scheduler: str | None = None, brief: bool = False,
 ) -> int:  # fmt: skip
     """Identify several campaigns in parallel with the options in `asked`; print each outcome."""
+    if workers is not None and scheduler is not None:
+        raise click.UsageError("--scheduler has its own workers: leave out --workers.")
     try:
-        with computing() as say:
+        with computing() as say, ExitStack() as open_:
             from jbw.study.many import identify_many
+            from jbw.study.workers import dask_executor
 
+            executor = open_.enter_context(dask_executor(scheduler)) if scheduler else None
             outcomes = identify_many(
-                campaigns, out, workers=workers, report=say, command=command_line(), **asked
-            )
+                campaigns, out, executor=executor, workers=workers, report=say,
+                command=command_line(), **asked,
+            )  # fmt: skip
     except KeyboardInterrupt:
         click.echo(SAVED, err=True)
         return INTERRUPTED
@@ -228,11 +250,12 @@ def identify_several(
 
 
 def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the table of several campaigns with one line each."""
+    """Return the table of several campaigns, with one line each; of many, only the failed ones."""
     done = sum(row["status"] == "done" for row in rows)
+    shown = [row for row in rows if len(rows) <= MOST_ROWS or row["status"] == "failed"]
     return table(
         f"{done} of {len(rows)} campaigns are identified",
-        [{**row, "run": Path(row["folder"]).name} for row in rows],
+        [{**row, "run": Path(row["folder"]).name} for row in shown],
         words("run", "run"),
         words("status", "status"),
         words("verdict", "verdict"),
@@ -320,7 +343,9 @@ def run_to_end(
         quoted = shlex.quote(str(run.folder))
         following(f"resume {run.to_resume}", None, messages.draw_posterior(quoted))
         return NOT_TRUSTED if strict else 0
-    answer(json_, summary.plain(), *shown, saved=f"Report: {run.folder / 'report.html'}{pages}")
+    page = run.folder / "report.html"
+    saved = f"Report: {page}" if page.exists() else f"Posterior: {run.folder / 'posterior.nc'}"
+    answer(json_, summary.plain(), *shown, saved=f"{saved}{pages}")
     return ended(summary.verdict, run.folder, strict=strict)
 
 

@@ -130,6 +130,16 @@ class Run:
             write_manifest(self.folder / HIDDEN / MANIFEST, manifest)
         self.manifest = manifest
 
+    @contextmanager
+    def surviving(self) -> Iterator[None]:
+        """Count the block in the manifest, until it ends in any way but a kill of its process."""
+        self.note(replace(self.manifest, num_killed=self.manifest.num_killed + 1))
+        try:
+            yield
+        finally:
+            if (self.folder / HIDDEN / MANIFEST).exists():
+                self.note(replace(self.manifest, num_killed=0))
+
     def finish(self) -> None:
         """Remove the files that only an unfinished run needs."""
         (self.folder / HIDDEN / MANIFEST).unlink(missing_ok=True)

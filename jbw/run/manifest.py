@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 from jbw.errors import ConfigError, DataError, RunError
 from jbw.report.messages.run import RESTORE
@@ -18,6 +18,8 @@ from jbw.run.files import hash_of, write_whole
 from jbw.sources import sources_of
 
 FORMAT = 1
+Keep = Literal["report", "posterior"]
+KEPT = get_args(Keep)
 VERSIONED = ("jbw", "jax", "jaxlib", "numpyro", "blackjax", "diffrax", "optimistix", "numpy")
 
 
@@ -49,9 +51,13 @@ class Manifest:
         None  # preset of the virtual rig that measures the campaign before it is identified
     )
     allow_outside: bool = False  # whether data files may be outside the campaign's folder
-    quick: bool = False  # whether only a first answer is requested
+    quick: bool = False  # whether only the fit is requested, without drawing from the posterior
     final: bool = False  # whether a final fit is requested that also includes held-out tests
     figures: tuple[str, ...] = ()  # file formats of saved figures
+    keep: Keep = "report"  # whether the result is kept with its report and figures
+    # number of processes that were killed while they ran this among other runs, including the
+    # process that runs it now
+    num_killed: int = 0
     text: str | None = None  # content of the campaign file, once it has been read
     # SHA-256 of every data file by the file's path, relative to the campaign's folder if inside it
     inputs: dict[str, str] | None = None

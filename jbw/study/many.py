@@ -12,10 +12,10 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError, JbwError, RunError
@@ -26,12 +26,14 @@ from jbw.report.result import read_result
 from jbw.results.run import RunSummary
 from jbw.run.files import hash_of
 from jbw.run.folder import HIDDEN, MANIFEST, begin, reopen, require_same
-from jbw.run.manifest import Manifest
+from jbw.run.manifest import KEPT, Keep, Manifest, read_manifest
+from jbw.run.outcomes import OUTCOMES, Call, RunOutcome, note, progress
 from jbw.run.session import prepare_process
 from jbw.study.resumable import carried_out, digest_of
 from jbw.study.workers import Executor, in_processes, submitted
 
 logger = logging.getLogger("jbw")
+SET_ASIDE = 2  # number of killed processes after which a campaign is no longer run with others
 # A run of a campaign file with this name is named after the file's folder.
 PLAIN = "campaign"
 
@@ -47,34 +49,7 @@ class Task:
     command: str
     figures: tuple[str, ...] = ()
     quick: bool = False
-
-
-@dataclass(frozen=True)
-class RunOutcome:
-    """The outcome of one of several campaigns: its run, status, verdict and error.
-
-    Attributes:
-        campaign: Path of the campaign file.
-        folder: Folder of the run, for `jbw.load_study`.
-        status: "done" or "failed"; a run whose verdict is not ok is also done.
-        verdict: Verdict of the run; empty where it failed.
-        error: The error and its remedy, in one or two sentences; empty where the run is done.
-        exit_code: Exit code of `jbw identify` for this campaign; 0 where the verdict is ok or
-            usable.
-        began: "new", "resumed", or "finished" where the run had ended before this call.
-        warnings: Warnings during the run, each sentence once.
-        wall_time_s: Duration of this call's part of the run [s].
-    """
-
-    campaign: str
-    folder: str
-    status: Literal["done", "failed"]
-    verdict: str = ""
-    error: str = ""
-    exit_code: int = 0
-    began: Literal["new", "resumed", "finished"] = "new"
-    wall_time_s: float = 0.0
-    warnings: tuple[str, ...] = ()
+    keep: Keep = "report"
 
 
 def identify_many(
@@ -87,6 +62,7 @@ def identify_many(
     allow_outside: bool = False,
     figures: Sequence[str] = (),
     quick: bool = False,
+    keep: Keep = "report",
     report: Callable[[str], None] = logger.info,
     command: str | None = None,
 ) -> list[RunOutcome]:
@@ -105,6 +81,8 @@ def identify_many(
         figures: File formats in which the figures of each run are saved: "png", "svg", "pdf".
         quick: Whether each run ends with its fit, like `jbw identify --quick`; a later call without
             it continues to the posterior.
+        keep: "report", or "posterior" for runs without report and figures, which take less time
+            and room; `jbw report` writes them later.
         report: A function that is called with one sentence whenever a campaign ends.
         command: The typed command, for the summaries; that of this process when None.
 
@@ -133,15 +111,25 @@ def identify_many(
             why="An executor has a fixed number of workers.",
             remedy="State the number of workers where you create the executor.",
         )
-    command = command or " ".join(["jbw", *sys.argv[1:]])
+    if keep not in KEPT:
+        raise ConfigError(f"Argument `keep` must be one of {', '.join(KEPT)}, but is {keep!r}.")
+    command, out = command or " ".join(["jbw", *sys.argv[1:]]), Path(out)
     formats = formats_of(figures, "Argument `figures`")
     tasks = [
-        Task(str(path), str(folder), seed, allow_outside, command, formats, quick)
-        for path, folder in _folders(
-            [_file_of(campaign) for campaign in campaigns], Path(out)
-        ).items()
+        Task(str(path), str(folder), seed, allow_outside, command, formats, quick, keep)
+        for path, folder in _folders([_file_of(campaign) for campaign in campaigns], out).items()
     ]
     outcomes: dict[Task, RunOutcome] = {}
+    unwritten: set[str] = set()
+
+    def noted(what: Call | RunOutcome) -> None:
+        try:
+            note(out, what)
+        except OSError as error:  # The runs themselves do not need this file.
+            sentence = messages.outcomes_not_written(str(out / OUTCOMES), str(error.strerror))
+            if sentence not in unwritten:
+                report(sentence)
+            unwritten.add(sentence)
 
     def ended(task: Task, outcome: RunOutcome) -> None:
         outcomes[task] = outcome
@@ -149,19 +137,26 @@ def identify_many(
             report(f"warning: {Path(task.folder).name}: {sentence}")
         report(_sentence(outcome, list(outcomes.values()), len(tasks)))
 
+    before = progress(out)
+    known = {one.campaign for one in before.outcomes if one.status == "done"} if before else set()
     open_tasks: list[Task] = []
     for task in tasks:
         outcome = _finished_before(task)
         if outcome is None:
             open_tasks.append(task)
-        else:
-            ended(task, outcome)
+            continue
+        if outcome.status == "failed" or task.campaign not in known:
+            noted(outcome)
+        ended(task, outcome)
+    noted(Call(command, len(open_tasks)))
     if executor is not None:
         jobs = submitted(executor, run_task, open_tasks)
     else:
         jobs = in_processes(run_task, open_tasks, workers or max(1, (os.cpu_count() or 1) // 2))
     for task, future in jobs:
-        ended(task, _outcome_of(task, future))
+        outcome = _outcome_of(task, future)
+        noted(outcome)
+        ended(task, outcome)
     return [outcomes[task] for task in tasks]
 
 
@@ -183,7 +178,7 @@ def _run(task: Task) -> RunOutcome:
         else:
             manifest = Manifest(
                 task.command, task.campaign, seed=task.seed, allow_outside=task.allow_outside,
-                quick=task.quick, figures=task.figures,
+                quick=task.quick, figures=task.figures, keep=task.keep,
             )  # fmt: skip
             run = begin(folder, manifest)
         if run is None:  # Another process has finished this run in the meantime.
@@ -192,8 +187,10 @@ def _run(task: Task) -> RunOutcome:
             if began == "resumed":
                 _require_asked(task, run.manifest.campaign, run.manifest.seed)
                 require_same(run)
-                run.note(replace(run.manifest, quick=task.quick))
-            with run.interruption.heard(lambda: f"Saved in {folder}."):
+                if run.manifest.num_killed >= SET_ASIDE:
+                    raise _set_aside(task)
+                run.note(replace(run.manifest, quick=task.quick, keep=task.keep))
+            with run.surviving(), run.interruption.heard(lambda: f"Saved in {folder}."):
                 summary, _ = carried_out(run, logger.info)
         except JbwError:
             run.discard()
@@ -312,19 +309,26 @@ def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
         )
 
 
+def _set_aside(task: Task) -> RunError:
+    """Return the error of a campaign that has killed the processes which ran it."""
+    return RunError(
+        f"The campaign is set aside, because {SET_ASIDE} processes that ran it were killed.",
+        why="Perhaps its memory was exhausted.",
+        remedy=messages.identify_alone(task.campaign, task.folder, quick=task.quick),
+    )
+
+
 def _outcome_of(task: Task, future: Any) -> RunOutcome:
     """Return a campaign's outcome from its worker's result; a lost worker counts as a failure."""
     try:
         return future.result()
-    except BrokenProcessPool:
-        return _failed(task, RunError(
-            "The process of the run was killed, perhaps because memory was exhausted.",
-            remedy="Identify the campaign again, with fewer workers: the run continues from its "
-            "last checkpoint.",
-        ))  # fmt: skip
     except Exception as error:  # The executor lost a worker or a machine.
+        with suppress(JbwError):
+            if read_manifest(Path(task.folder) / HIDDEN / MANIFEST).num_killed >= SET_ASIDE:
+                return _failed(task, _set_aside(task))
+        why = f"{type(error).__name__} {error}".strip()
         return _failed(task, RunError(
-            f"The worker of the run was lost: {type(error).__name__} {error}.",
+            f"The worker of the run was lost: {why}.",
             remedy="Identify the campaign again: the run continues from its last checkpoint.",
         ))  # fmt: skip
 

@@ -46,6 +46,10 @@ def carried_out(
         if run.manifest.quick:
             say("Done")
             return summary, tree
+    if run.manifest.keep == "posterior":
+        run.finish()
+        say("Done")
+        return summary, tree
     say("Writing figures and report")
     try:
         save_report(run.folder, tree, summary, beside, formats)

@@ -8,9 +8,13 @@ from collections import deque
 from collections.abc import Callable, Generator, Hashable, Iterator, Sequence
 from concurrent import futures
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing.connection import wait
 from typing import Any, Protocol
 
+from jbw.errors import ConfigError
+
+ANSWER_S = 10  # time in which a scheduler must answer [s]
 POLL_S = 1.0  # time between two checks of tasks whose futures are not those of Python [s]
 
 
@@ -20,6 +24,37 @@ class Executor(Protocol):
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Any:
         """Run a function with some arguments on a worker; return its future."""
         ...
+
+
+@contextmanager
+def dask_executor(address: str) -> Iterator[Executor]:
+    """Yield an executor of the workers of a running Dask scheduler.
+
+    Raises:
+        ConfigError: Dask is not installed, no scheduler answers, or it has no workers.
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ConfigError(
+            "Option --scheduler needs the package `distributed` of Dask, which is missing.",
+            remedy='Install it: pip install "jbw[dask]".',
+        ) from error
+    try:
+        client = Client(address, timeout=ANSWER_S)
+    except (OSError, ValueError, TypeError) as error:
+        raise ConfigError(
+            f"No Dask scheduler answers at {address}: {error or type(error).__name__}.",
+            remedy="Start one with `dask scheduler --port 8786`, and give its address, for example "
+            "--scheduler tcp://localhost:8786.",
+        ) from error
+    with client:
+        if not client.scheduler_info()["workers"]:
+            raise ConfigError(
+                f"The Dask scheduler at {address} has no workers.",
+                remedy=f"Start some, here two: dask worker {address} --nworkers 2 --nthreads 1",
+            )
+        yield client.get_executor(pure=False)
 
 
 def submitted[Task: Hashable](

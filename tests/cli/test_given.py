@@ -70,6 +70,17 @@ def test_a_modal_mass_goes_into_what_is_drafted_and_nowhere_else(tmp_path):
         campaigns_of(taps(tmp_path, "other.csv"), print, -1.0)
 
 
+def test_a_folder_of_folders_stands_for_their_campaigns(tmp_path):
+    units = [tmp_path / "units" / name for name in ("b", "a")]
+    for unit in units:
+        unit.mkdir(parents=True)
+        given(*taps(unit, "tap.csv"))
+    (tmp_path / "units" / "notes").mkdir()
+    assert given(tmp_path / "units")[0] == [unit / "tap.toml" for unit in reversed(units)]
+    taps(tmp_path / "units", "tap.csv")  # a folder with records of its own is one campaign
+    assert given(tmp_path / "units")[0] == [tmp_path / "units" / "campaign.toml"]
+
+
 def test_a_folder_is_its_campaign_or_is_drafted(tmp_path):
     taps(tmp_path / "a", "tap_1.csv", "tap_2.csv")
     drafted = tmp_path / "a" / "campaign.toml"

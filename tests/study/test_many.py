@@ -7,8 +7,11 @@ import subprocess
 import sys
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
+import distributed
 import numpy as np
 import pytest
 import xarray as xr
@@ -16,8 +19,11 @@ import xarray as xr
 import jbw
 from jbw.cli import run
 from jbw.run.files import hash_of
+from jbw.run.folder import HIDDEN, MANIFEST, begin
+from jbw.run.manifest import Manifest, read_manifest
 from jbw.study import many
 from jbw.study.resumable import digest_of
+from jbw.study.workers import dask_executor
 
 sys.path.insert(0, str(Path(__file__).parent))
 from damper_campaign import write_campaign
@@ -251,16 +257,99 @@ def test_first_answers_of_several_are_kept_and_go_on_to_their_posteriors(
         np.testing.assert_array_equal(*pair)
 
 
-@pytest.mark.release  # the campaigns of the fleet above, by processes of another library
-def test_dasks_workers_draw_what_a_thread_of_this_process_draws(tmp_path, monkeypatch, units):
-    distributed = pytest.importorskip("distributed")
-    files = units(2)
-    place = {"dashboard_address": None, "local_directory": str(tmp_path / "dask")}
-    with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, **place) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        found = jbw.identify_many(files, tmp_path / "there", executor=client.get_executor())
+def test_a_campaign_that_killed_two_processes_is_set_aside(campaigns, threads, tmp_path):
+    path, folder = campaigns[1], tmp_path / "runs" / "b"
+    killed = begin(folder, Manifest("jbw identify", str(path)))
+    killed.note(replace(killed.manifest, num_killed=2))
+    killed.close()
+    (found,) = jbw.identify_many([path], tmp_path / "runs", executor=threads, quick=True)
+    assert found.status == "failed"
+    assert "2 processes that ran it were killed" in found.error
+    assert f"jbw identify {path} --out {folder}-alone --quick" in found.error
+    (lost,) = jbw.identify_many([path], tmp_path / "runs", executor=Lost())
+    assert "is set aside" in lost.error
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_a_run_that_ends_by_itself_counts_no_kill(tmp_path, number):
+    """Neither an error nor an interruption is a kill; what is open within the block is."""
+    held = begin(tmp_path / "run", Manifest("jbw identify", "a.toml", num_killed=number))
+    stored = tmp_path / "run" / HIDDEN / MANIFEST
+    with suppress(KeyboardInterrupt), held.surviving():
+        assert read_manifest(stored).num_killed == number + 1
+        raise KeyboardInterrupt
+    assert read_manifest(stored).num_killed == 0
+    held.close()
+
+
+def test_outcomes_are_noted_once_and_shown(campaigns, threads, tmp_path, capsys):
+    for _ in range(2):
+        jbw.identify_many(
+            campaigns, tmp_path / "runs", executor=threads, command="jbw identify a b"
+        )
+    lines = (tmp_path / "runs" / "outcomes.jsonl").read_text().split()
+    assert sum('"done"' in line for line in lines) == 1
+    assert run(["status", str(tmp_path / "runs")]) == 0
+    told = capsys.readouterr().out
+    assert "1 campaign is identified, 1 failed, 0 left." in told
+    assert "unknown table" in told
+
+
+def test_outcomes_that_cannot_be_written_stop_no_run(campaigns, threads, tmp_path):
+    (tmp_path / "runs" / "outcomes.jsonl").mkdir(parents=True)
+    said = []
+    found = jbw.identify_many(campaigns, tmp_path / "runs", executor=threads, report=said.append)
+    assert [one.status for one in found] == ["done", "failed"]
+    assert sum("outcomes.jsonl cannot be written" in sentence for sentence in said) == 1
+
+
+def test_what_is_kept_is_one_of_two(campaigns, capsys, tmp_path):
+    with pytest.raises(jbw.ConfigError, match="`keep` must be one of report, posterior"):
+        jbw.identify_many(campaigns, tmp_path / "runs", keep="everything")
+    words = ["identify", *map(str, campaigns), "--keep", "posterior", "--figures", "svg"]
+    assert run(words) == 2
+    assert "--keep posterior leaves out" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    """Two processes of one thread each, as `dask scheduler` and `dask worker` start them."""
+    place = {"dashboard_address": None, "local_directory": str(tmp_path_factory.mktemp("dask"))}
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, **place) as made:
+        yield made
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere"])
+def test_a_scheduler_that_does_not_answer_is_named(campaigns, capsys, monkeypatch, address):
+    monkeypatch.setattr("jbw.study.workers.ANSWER_S", 0.5)
+    words = ["identify", *map(str, campaigns), "--scheduler", address]
+    assert run(words) == 2
+    told = capsys.readouterr().err
+    assert f"No Dask scheduler answers at {address}" in told
+    assert "dask scheduler --port 8786" in told
+    assert run([*words, "--workers", "2"]) == 2
+    assert "leave out --workers" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_killed_worker_of_dask_costs_no_campaign(tmp_path, monkeypatch, units, cluster):
+    files = units(3)
+    with distributed.Client(cluster) as client:
+        pids = client.run(os.getpid)
+    killed = []
+
+    def ended(sentence):
+        if not killed and "1 of 3" in sentence:
+            killed.append(next(iter(pids.values())))
+            os.kill(killed[0], signal.SIGKILL)
+
+    with dask_executor(cluster.scheduler_address) as executor:
+        found = jbw.identify_many(
+            files, tmp_path / "there", executor=executor, report=ended, keep="posterior"
+        )
+    assert killed
+    assert {one.status for one in found} == {"done"}
+    assert not (tmp_path / "there" / "unit_0" / "report.html").exists()
     monkeypatch.setattr("jbw.report.figures.draw_figures", lambda *_: None)
     monkeypatch.setattr("jbw.report.page.write_page", lambda *of: of[2].write_text("page"))
     with ThreadPoolExecutor(1) as pool:

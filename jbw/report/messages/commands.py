@@ -47,6 +47,7 @@ SHORT = {
     "export": "Export a run's joint to other programs, or as an FMU.",
     "diff": "Compare runs of different assemblies, torques or days.",
     "plan": "Plan tests that determine the parameters to a given accuracy.",
+    "status": "Show how far the runs of several campaigns are.",
     "collect": "Collect finished runs of several units into one fleet.",
     "population": "Show how the units of a fleet vary, and depend on torque.",
     "watch": "Monitor new records for a change of the joint.",

@@ -1,5 +1,6 @@
 """Messages of a study other than findings: FRF fit, modes outside the band, exports, fleets."""
 
+import shlex
 from collections.abc import Sequence
 
 from jbw.report.messages.message import capital, number, percent
@@ -76,6 +77,21 @@ def no_shaker(test: str, why: str) -> str:
 def identify_anew(folder: str) -> str:
     """Return the remedy for a folder that contains another result."""
     return f"To identify again, move {folder} away or choose another `out`."
+
+
+def identify_alone(campaign: str, folder: str, *, quick: bool) -> str:
+    """Return the remedy for a campaign that must not run with others: a run of its own."""
+    option = " --quick" if quick else ""
+    words = shlex.join([campaign, "--out", f"{folder}-alone"])
+    return f"Identify this campaign alone: jbw identify {words}{option}"
+
+
+def outcomes_not_written(file: str, why: str) -> str:
+    """Return the warning that the list of outcomes cannot be written, which loses no run."""
+    return (
+        f"{file} cannot be written: {why}. All runs continue; `jbw status` will not know of those "
+        "that end from now on."
+    )
 
 
 def verdict_of(campaign: str, status: str, why: str) -> str:
