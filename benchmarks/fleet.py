@@ -1,7 +1,7 @@
 """How long do many campaigns take with two workers, by executor, and what is lost by a kill -9?
 
     python benchmarks/fleet.py [--json FILE]              # six campaigns of the rig, by executor
-    python benchmarks/fleet.py --hundred [--json FILE]    # a hundred short ones; on Linux
+    python benchmarks/fleet.py --decays 1000 [--json FILE]    # first answers of decays; on Linux
 
 Executors run one after the other, each without compiled code; Dask and submitit only if installed
 (`pip install "dask[distributed]" submitit`).
@@ -14,7 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -27,9 +27,7 @@ from timing import Table, options, show
 import jbw
 from jbw import rig
 from jbw.rig.generator import Sweep
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "study"))
-from damper_campaign import write_campaign
+from jbw.run.outcomes import progress
 
 TORQUES = (4.0, 8.0, 12.0)  # [N m], with two assemblies at each
 PLANS = tuple(
@@ -37,17 +35,20 @@ PLANS = tuple(
     for name, volts in (("weak", 0.05), ("strong", 0.20))
 )
 PRESET = replace(rig.MIXED, name="fleet", source="input", gain=15.0, plans=PLANS, input_range=1.0)
-# Sampling all points at once takes the least time; kills occur between and within campaigns.
-SHORT = """num_samples = 100
-num_chains = 2
-sampler = "importance"
-model_error = "none"
-offsets = "none"
-"""
-# number of campaigns, and numbers of finished campaigns at which a process is killed
-MANY, PARENT_AT, WORKER_AT = 100, 30, 60
+DECAYS = replace(
+    PRESET, name="decays", plans=(rig.Plan(
+        "decay", "decay", Sweep(18.6, 18.6, 0.1, burst=6.0, fade=0.1, duration=10.0, settle=6.0),
+        repeats=3, band_hz=(15.0, 22.0),
+    ),),
+)  # fmt: skip
+# shares of ended campaigns at which one worker is killed, and at which all are
+WORKER_AT, ALL_AT = 0.3, 0.6
+COMPARED = 20  # number of campaigns of which an undisturbed call must give the same draws
 WAYS = {"executor": "", "wall, s": ".0f", "/ one process": ".2f", "draws": ""}
-KILLS = {"pass": "", "wall, s": ".0f", "finished before": "d", "run": "d", "failed": "d"}
+KILLS = {
+    "call": "", "wall, s": ".0f", "CPU s a campaign": ".2f", "ended before": "d", "done": "d",
+    "failed": "d", "GiB, largest worker": ".2f", "MB a run": ".2f",
+}  # fmt: skip
 
 
 def six_of_the_rig(folder: Path) -> list[Path]:
@@ -152,72 +153,108 @@ def comparable(fleet: xr.DataTree) -> xr.DataTree:
     return fleet
 
 
-def killed_twice() -> Table:
-    """Run a hundred short campaigns: kill the parent, then one worker, then continue all.
+def many_decays(number: int) -> Table:
+    """Identify decays with two planted faults; kill one worker, kill all, repeat the command.
 
-    It ends with an error if a finished run runs again, or a draw differs from an undisturbed
-    call's.
+    It ends with an error if an outcome is missing, a finished run runs again, or a draw differs
+    from an undisturbed call's.
     """
     rows: list[Sequence[Any]] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        files = [short(folder / f"unit_{i:02d}", i) for i in range(MANY)]
-        killed, whole = folder / "killed", folder / "whole"
+        files = decays_of_the_rig(folder / "units", number)
+        # A file that a copy has cut, and a channel that does not exist.
+        torn = files[number // 3].parent / "decay_02.h5"
+        torn.write_bytes(torn.read_bytes()[:5000])
+        other = files[number // 2]
+        other.write_text(other.read_text().replace('velocity = "velocity"', 'velocity = "speed"'))
 
-        start = time.perf_counter()
-        process = identify(files, killed)
-        while_under_way(process, killed, PARENT_AT)
-        workers = workers_of(process)
-        os.kill(process.pid, signal.SIGKILL)
-        process.wait()
-        while any(Path(f"/proc/{worker}").exists() for worker in workers):
-            time.sleep(0.05)  # The workers end with their parent.
-        before = finished(killed)
-        rows.append(("killed as a whole", time.perf_counter() - start, 0, len(before), 0))
-
-        start = time.perf_counter()
-        process = identify(files, killed)
-        while_under_way(process, killed, WORKER_AT)
+        out = folder / "runs"
+        process = identify([folder / "units"], out)
+        while_under_way(process, out, round(WORKER_AT * number))
         os.kill(workers_of(process)[0], signal.SIGKILL)
-        failed = process.wait() not in (0, 4)
-        after = finished(killed)
-        rows.append(
-            ("again, one worker killed", time.perf_counter() - start, len(before),
-             len(after) - len(before), MANY - len(after))
-        )  # fmt: skip
-        if failed or {name: after.get(name) for name in before} != before:
-            sys.exit("A campaign failed, or a finished one ran again.")
+        rows.append(watched(process, "one worker killed, then all", out, round(ALL_AT * number)))
+        before = finished(out)
+        rows.append(watched(identify([folder / "units"], out), "repeated", out))
+        outcomes = progress(out)
+        assert outcomes is not None
+        failed = {Path(one.folder).name for one in outcomes.outcomes if one.status == "failed"}
+        planted = {torn.parent.name, other.parent.name}
+        if len(outcomes.outcomes) != number or failed != planted or outcomes.num_left:
+            sys.exit(f"{len(outcomes.outcomes)} outcomes; failed: {sorted(failed)}.")
+        if {name: finished(out).get(name) for name in before} != before:
+            sys.exit("A finished campaign ran again.")
+        rows.append(watched(identify([folder / "units"], out), "once more", out))
 
-        start = time.perf_counter()
-        if identify(files, whole).wait() not in (0, 4):
+        again = folder / "again"
+        if identify(files[:COMPARED], again).wait() != 0:
             sys.exit("A campaign failed.")
-        rows.append(("undisturbed", time.perf_counter() - start, 0, len(finished(whole)), 0))
-        fleets = [
-            comparable(jbw.fleet_of(sorted(p.parent for p in each.glob("*/summary.json"))))
-            for each in (killed, whole)
-        ]
-        if not fleets[0].identical(fleets[1]):
-            sys.exit("The fleet is not that of an undisturbed call.")
-        told(f"Both fleets are identical: {fleets[0].sizes['unit']} units, every draw and number.")
-    return Table("A hundred short campaigns on two workers, killed by kill -9", KILLS, rows)
+        for path in again.glob("*/posterior.nc"):
+            with (
+                xr.open_datatree(path) as one,
+                xr.open_datatree(out / path.parts[-2] / path.name) as two,
+            ):
+                if not one["posterior"].to_dataset().equals(two["posterior"].to_dataset()):
+                    sys.exit(f"{path.parts[-2]} has other draws than without the kills.")
+        told(f"The first {COMPARED} have the draws of an undisturbed call.")
+    return Table(f"{number} campaigns of three decays on two workers, --quick", KILLS, rows)
 
 
-def short(folder: Path, number: int) -> Path:
-    """Write a campaign of prescribed loops, with its own amplitude, noise and torque."""
-    folder.mkdir()
-    path = write_campaign(folder, 5e-3 * (1 + 0.003 * number), settings=SHORT, seed=number)
-    torque = np.round(np.geomspace(2.0, 12.0, MANY)[number], 3)
-    path.write_text(f"{path.read_text()}\n[assembly]\ntorque = {torque}\n")
-    return path
+def decays_of_the_rig(folder: Path, number: int) -> list[Path]:
+    """Write campaigns of three decays, at ten torques by the rig's law of the torque."""
+    jbw.enable_x64()
+    fleet = rig.measure_fleet(
+        DECAYS, torques=np.geomspace(4.0, 12.0, 10).tolist(), assemblies=-(-number // 10), seed=1,
+        how=rig.Tightening(wrench=0.03), fs=256.0, noise_ratio=0.01,
+    )[:number]  # fmt: skip
+    return [rig.write(one, folder / f"unit_{i:05d}") for i, one in enumerate(fleet)]
 
 
-def identify(files: Sequence[Path], out: Path) -> subprocess.Popen:
+def identify(given: Sequence[Path], out: Path) -> subprocess.Popen:
     """Start the command as a user types it."""
     command = [sys.executable, "-c", "from jbw.cli import main; main()", "identify"]
     return subprocess.Popen(
-        [*command, *map(str, files), "--workers", "2", "--out", str(out)],
-        stdout=subprocess.DEVNULL,
+        [*command, *map(str, given), "--quick", "--workers", "2", "--out", str(out)],
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def watched(process: subprocess.Popen, call: str, out: Path, until: int | None = None) -> list[Any]:
+    """Wait for the end of a call, or kill it after `until` campaigns; return its row."""
+    start, before, most = time.perf_counter(), len(finished(out)), 0.0
+    spent: dict[int, float] = {}
+    workers: list[int] = []
+    while process.poll() is None:
+        with suppress(FileNotFoundError, ProcessLookupError):
+            workers = workers_of(process)
+            for worker in workers:
+                spent[worker], used = usage_of(worker)
+                most = max(most, used)
+        if until is not None and len(finished(out)) >= until:
+            os.kill(process.pid, signal.SIGKILL)
+            process.wait()
+        time.sleep(0.2)
+    while any(Path(f"/proc/{worker}").exists() for worker in workers):
+        time.sleep(0.05)  # The workers end with their parent.
+    ended = progress(out)
+    failed = sum(one.status == "failed" for one in ended.outcomes) if ended else 0
+    done = finished(out)
+    each = sum(spent.values()) / max(len(done) - before + failed, 1)
+    size = sum(
+        file.stat().st_size for name in done for file in (out / name).iterdir() if file.is_file()
     )
+    return [
+        call, time.perf_counter() - start, each, before, len(done), failed, most / 2**30,
+        size / 1e6 / max(len(done), 1),
+    ]  # fmt: skip
+
+
+def usage_of(process: int) -> tuple[float, float]:
+    """Return the processor time [s] and the largest memory [B] of a process so far."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    status = Path(f"/proc/{process}/status").read_text()
+    peak = next(line for line in status.splitlines() if line.startswith("VmHWM"))
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK"), 1024 * float(peak.split()[1])
 
 
 def while_under_way(process: subprocess.Popen, out: Path, number: int) -> None:
@@ -225,7 +262,7 @@ def while_under_way(process: subprocess.Popen, out: Path, number: int) -> None:
     while len(finished(out)) < number:
         if process.poll() is not None:
             sys.exit(f"The command ended with {process.returncode} before {number} were finished.")
-        time.sleep(0.05)
+        time.sleep(0.2)
 
 
 def finished(out: Path) -> dict[str, int]:
@@ -243,9 +280,11 @@ def workers_of(process: subprocess.Popen) -> list[int]:
 
 def main() -> None:
     parser = options(__doc__)
-    parser.add_argument("--hundred", action="store_true", help="a hundred short ones, killed twice")
+    parser.add_argument(
+        "--decays", type=int, metavar="N", help="N campaigns of decays, killed twice"
+    )
     arguments = parser.parse_args()
-    table = killed_twice() if arguments.hundred else by_executor()
+    table = many_decays(arguments.decays) if arguments.decays else by_executor()
     show([table], ("numpyro", "distributed", "submitit"), arguments.json)
 
 

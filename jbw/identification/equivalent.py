@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from jbw.inference.lanes import at_points
+from jbw.inference.lanes import FIT_LANES, at_points
 from jbw.inference.posterior.finding import Amendment, Finding, usable_within
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, shape_of
 from jbw.inference.posterior.verdict import bands_finding
@@ -23,7 +23,7 @@ from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, are_at_joints
 from jbw.report.messages import effects as messages
 
 NUM_DRAWS = 200
-NUM_AMPLITUDES = 40  # number of amplitudes that one program evaluates
+NUM_AMPLITUDES = 20  # number of amplitudes that one program evaluates
 DAMPING = "quadratic_damping"  # law with damping and without hysteresis
 # An effect is determined if the half width of its interval / its value is below this.
 KNOWN = 0.2
@@ -153,7 +153,8 @@ def backbones_at(
         needed = {quantity.name for quantity in (*OSCILLATOR, *quantities_of(laws))} - {"gain"}
         theta = {name: values for name, values in theta.items() if name in needed}
     padded = np.pad(y_peak, (0, -len(y_peak) % NUM_AMPLITUDES), "edge").reshape(-1, NUM_AMPLITUDES)
-    parts = [at_points(_backbone, theta, (row, laws)) for row in jax.device_put([*padded])]
+    rows = jax.device_put([*padded])
+    parts = [at_points(_backbone, theta, (row, laws), lanes=FIT_LANES) for row in rows]
     joined = (np.concatenate(some, axis=1) for some in zip(*parts, strict=True))
     return tuple(rows[:, : len(y_peak)] for rows in joined)
 
