@@ -237,7 +237,7 @@ def error_of_fit(error: float) -> str:
 
 
 ANSWERS = {"best": "preferred", "worse": "significantly worse", "not told apart": "equivalent"}
-"""The words on the page of a comparison for each possible answer on a law."""
+"""The words that the page of a comparison prints for each possible rating of a law."""
 
 
 BACKBONES = (
