@@ -238,7 +238,7 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
     except ImportError as error:
         raise ConfigError(
             "Interactive figures need plotly, which is not installed.",
-            remedy='Install it: pip install "jbw[interactive]".',
+            remedy='Install plotly: pip install "jbw[interactive]".',
         ) from error
     charts = charts_of(tree)
     if not charts:

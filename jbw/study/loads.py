@@ -399,8 +399,8 @@ def _require_widths(motion: EquivalentMotion, omega: Values, widths: Values, wha
         raise ModelError(
             f"{what} needs a mode that is at least {APART:g} half-power widths from the next, but "
             f"mode {motion.mode + 1} at {own / TAU:.4g} Hz is {abs(nearest - own) / width:.2g} "
-            "widths from it.",
-            why="Modes are predicted one by one, as if each moved alone.",
+            "widths from the next.",
+            why="Modes are predicted one by one, as if each mode moved alone.",
             remedy=messages.WITH_ALL_MODES,
         )
 

@@ -194,7 +194,7 @@ def _require_alone(modes: Modes, what: str) -> None:
                 f"{what} must move the joint by one mode at a time, but the motion of the other "
                 f"modes changes the damping of mode {mode + 1} by "
                 f"{100 * float(np.median(change)):.2g} %.",
-                why="Random vibration is predicted mode by mode, as if each moved alone.",
+                why="Random vibration is predicted mode by mode, as if each mode moved alone.",
                 remedy="Restrict the profile to the frequencies of one mode, or simulate the "
                 f"structure of {messages.ONE_DRAW}, by `jbw.simulate` with samples of the force.",
             )

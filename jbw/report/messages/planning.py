@@ -130,7 +130,7 @@ def fleet_title(scatter: float) -> str:
 
 def told_by_run(key: str) -> str:
     """Return the message that a key must be removed, because the run already states its value."""
-    return f"{key}: remove it, because the run states it."
+    return f"{key}: remove this key, because the run states its value."
 
 
 def single_value(key: str, value: Sequence[float]) -> str:

@@ -199,7 +199,7 @@ def no_logarithm(name: str, units: Sequence[str]) -> str:
 def unfinished(folder: str) -> str:
     """Return the message on an unfinished run that a fleet omits."""
     return (
-        f"{folder} is left out of the fleet, because the run is not finished. Continue it: "
+        f"{folder} is left out of the fleet, because the run is not finished. Continue the run: "
         f"jbw resume {folder}"
     )
 

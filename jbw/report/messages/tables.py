@@ -43,7 +43,7 @@ VARIATION_NOTE = (
     "variation between repeats; compare it with the standard deviations in the table of parameters"
 )
 HARMONIC = "largest third harmonic of the source"
-HARMONIC_NOTE = "as a fraction of Y(3ω); jbw removes this harmonic with the measured input"
+HARMONIC_NOTE = "as a fraction of Y(3ω); the measured input is used to remove this harmonic"
 
 
 def rests_on(parameters: Sequence[str]) -> str:

@@ -26,7 +26,7 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("posterior", "draws"): (
         "The probability of the parameters given the data, as a set of draws. A column `draws` "
-        "counts them."
+        "states the number of draws."
     ),
     ("prior", "prior bounds", "box"): (
         "The probability density of a parameter before the data are used. By default it is uniform "
@@ -94,8 +94,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "assembly, from the values that all sessions share."
     ),
     ("leave one out", "leave-one-out"): (
-        "A fit without one session. If it moves the parameters far, that session contradicts the "
-        "others."
+        "A fit without one session. If this fit moves the parameters far, that session contradicts "
+        "the others."
     ),
     ("effective number of samples", "worth"): (
         "The number of independent samples that the correlated samples of a coloured residual are "
@@ -415,7 +415,7 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("CHECK",): (
         "Mark of `jbw init` on a line of a campaign file whose value the records do not state. "
-        "Check it before you identify."
+        "Check the value before you identify."
     ),
     ("session",): (
         "A day, or a working shift, in which nothing was changed. `run` in a `[[test]]` names the "
