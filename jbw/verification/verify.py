@@ -39,7 +39,7 @@ from jbw.verification.reference_oscillators import Reference, of_run, references
 # model.
 BETTER = 1.1
 # If both oscillators have equal errors, noise may be the whole error. The band then contains the
-# noise twice, so that its limit is the root of 2.
+# noise twice, so that the limit of the check is the root of 2.
 NOISE_BESIDE = 2**0.5
 REACH = float(norm.ppf(QUANTILES[-1]))  # half width of a 99 % band, in standard deviations
 Groups = dict[str, xr.Dataset]
