@@ -1,6 +1,6 @@
-"""The digest of the source files of jbw, or of packages in it, that computed a number.
+"""The hash of those source files of jbw, or of some of its packages, that computed a number.
 
-The digest differs between two commits of one version, and for a modified copy.
+The hash differs between two commits of the same version, and for a modified copy.
 """
 
 import hashlib

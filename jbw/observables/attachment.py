@@ -63,7 +63,7 @@ class Foretold(KnownReading):
         return cls(jnp.asarray(std), fed, words, mean=read, groups=groups, laws=laws)
 
     def predict(self, theta: Theta) -> Float[Array, "1 own"]:
-        """Return the changes of omega_n [rad/s] and zeta by the shaker, from given parameters."""
+        """Return the changes of omega_n [rad/s] and zeta that the shaker causes."""
         return jnp.stack([theta[named(name, self.fed)] - theta[name] for name in OFFSETS])[None]
 
     def whitened(

@@ -49,12 +49,12 @@ from jbw.quantities import DEFAULT_LAWS, Motion, derivative_order
 HALF_WIDTH = 0.01
 # fraction of the points, those of smallest motion, from which omega_n gets its starting value
 FEW = 0.25
-# smallest standard deviation of the noise, relative to that of a fit's residual, in addition to
-# noise from amplitude errors
+# lower limit of the fitted standard deviation of the noise, relative to the rms residual of a fit;
+# the noise from amplitude errors is known and is added to the fitted noise
 LEAST_NOISE = 1e-3
 QUARTER = -0.5 * np.pi  # phase of the displacement relative to the force at phase resonance [rad]
-# number of quantities whose deviations between repeats are stored: frequency or phase, force, log
-# Y, phase
+# Deviations between repeats are stored for four quantities: the frequency (the phase, if the test
+# prescribes the frequency), the force, log Y and the phase.
 MOMENTS = 4
 
 
@@ -555,7 +555,7 @@ def _moments(
 
 
 def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
-    """Return the noise profile over the points: the mean force for a force, else a constant."""
+    """Return the noise profile: proportional to the mean if a force is compared, else constant."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 

@@ -145,7 +145,7 @@ class Decays(Envelopes):
         return xp.sqrt(variance * xp.linalg.inv(found.precision)[:, -1, -1])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
-        """Return the decays, with noise and frequency variation of the records set to a fit's."""
+        """Return the decays with noise and frequency variation from the residuals of a fit."""
         matches, groups = jax.tree.map(np.asarray, (matched(theta, self), self.groups))
         noise = np.sqrt(matches.misfit / (groups.size - groups.num_own))
         errors = replace(self, groups=groups).shift_errors(matches)

@@ -48,7 +48,7 @@ CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]
 
 
 class Envelopes(Observable):
-    """The envelopes of several decays of one mode, with the filter for the model's decay.
+    """The envelopes of several decays of one mode, and the filter applied to the model's decay.
 
     Attributes:
         mean: Peak envelope of each record about the band's centre [m/s for velocities]; its noise
@@ -179,8 +179,8 @@ def _course(
             "amplitude on.",
             remedy="Let `settle` begin after the blow, or correct `band`.",
         )
-    # A few values determine the rates at the start and at the end, where noise may hide them
-    # completely.
+    # Few values determine the decay rates at the start and at the end, and noise may exceed these
+    # rates. Therefore no rate is less than a fraction of the mean rate.
     first, last = (
         max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), LEAST_RATE * fall / duration)
         for row in (size[strongest, :edge], size[strongest, -edge:])
@@ -296,7 +296,7 @@ def match(
 def _solution(
     matrix: Float[Any, "... 3 3"], right: Float[Any, "... 3"]
 ) -> tuple[Float[Any, "..."], ...]:
-    """Solve three equations with a symmetric matrix by Cramer's rule, without any exception.
+    """Solve three equations with a symmetric matrix by Cramer's rule, which never raises an error.
 
     A library's solver raises an error if one of many matrices is singular.
     """
@@ -318,7 +318,7 @@ def _first_entry(
     steps: Float[np.ndarray, " sample"],
     step_s: Any,
 ) -> Entry:
-    """Estimate where a record starts on the simulated decay: time from amplitudes, shift, phase.
+    """Estimate a record's start on the simulated decay: time, frequency shift and phase.
 
     Each value has a place of its own. Their mean is weighted by the squares of the amplitudes, as
     in least squares, over the loud values alone, so that noise or zeros at the end of a record do

@@ -43,7 +43,7 @@ def plain(name: str) -> str:
 
 
 def of_drive[Value](theta: Mapping[str, Value], drive: str) -> Mapping[str, Value]:
-    """Return the parameters that apply to a drive, by their names without the drive."""
+    """Return the parameters that apply to a drive, keyed by names without the drive's suffix."""
     drive_theta = {name: theta[named(name, drive)] for name in NAMES if named(name, drive) in theta}
     return {**theta, **drive_theta} if drive_theta else theta
 

@@ -178,7 +178,7 @@ def _span(fs: float, start: float, stop: float) -> slice:
 
 
 def curve_group(test: Test) -> MeasuredHarmonic:
-    """Return a response curve's fundamental, or that of its force if the response was held."""
+    """Return the fundamental of a curve's response, or of its force at controlled response."""
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
         raise DataError(

@@ -38,7 +38,8 @@ READ = ("omega_n", "zeta", "gain")
 # smallest number of spectral lines for an oscillator, because it has three unknowns and each line
 # gives two numbers
 LEAST_LINES = 2
-# A relative change of the response between two points above this is a jump to another branch.
+# If the response changes between two points by more than this fraction, it has jumped to another
+# branch.
 JUMP = 0.5
 
 

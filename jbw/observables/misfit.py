@@ -1,8 +1,8 @@
-"""The misfit of a law to repeated data, as one share of the response, and weights from it.
+"""The misfit of a law to repeated data, as a fraction of the response, and the resulting weights.
 
 Weights by each group's own misfit would give little weight to a record that a poor fit misses, and
-the next fit would miss it more. Therefore the law's misfit is taken as one share of the response
-for all groups of an observable, and this share sets the weight of each group.
+the next fit would miss it more. Therefore the law's misfit is the same fraction of the response in
+all groups of an observable, and this fraction determines the weight of each group.
 """
 
 from collections.abc import Sequence

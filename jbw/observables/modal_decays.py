@@ -59,7 +59,7 @@ FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
 
 class Start(NamedTuple):
-    """The unknowns of a record: first q_i and q_i' / omega_i [m], and a frequency shift [rad/s]."""
+    """The unknowns of a record: initial q_i, q_i' / omega_i [m], and a frequency shift [rad/s]."""
 
     state: Float[Array, "*record coordinate"]
     shift: Float[Array, "*record"]

@@ -1,4 +1,4 @@
-r"""The modes of a structure that move one joint, and what is known of them before any fit.
+r"""The modes of a structure that move one joint, and their known properties before any fit.
 
 Their frequencies are stated; starting values are read from spectra. Of a mode's coupling to the
 joint only the order of magnitude is known,
@@ -47,9 +47,9 @@ class Modes(NamedTuple):
     # h_1)
     joint_shape: tuple[float, ...] = ()
     points: tuple[str, ...] = ()  # names of additional points where responses are measured
-    # How the modes are coupled: "common" by one joint; "apart" not at all, with separate laws;
-    # "first" if only the first mode moves the joint; "assembled" by several joints of a reduced
-    # model.
+    # Coupling of the modes. "common": one joint couples them; "apart": separate laws, no coupling;
+    # "first": only the first mode moves the joint; "assembled": several joints of a reduced model
+    # couple them.
     meet: str = "common"
     numbers: tuple[tuple[str, float], ...] = ()  # fixed values from the reduced model, by name
     uncertain: bool = False  # whether the joints' motion in the model's modes is uncertain
@@ -61,7 +61,7 @@ class Modes(NamedTuple):
 
     @property
     def seen(self) -> dict[str, tuple[str, ...]]:
-        """The parameter names of each additional point's modal responses over the first point's."""
+        """The names of response parameters at each additional point, relative to point one."""
         rows = (names[: len(self.hz)] for names in SEEN)
         return dict(zip(self.points, rows, strict=False))
 
@@ -76,7 +76,7 @@ class Modes(NamedTuple):
 
     @property
     def held(self) -> dict[str, float]:
-        """The fixed modal parameters: measured motions, and signs, which are positive at first."""
+        """The fixed modal parameters: measured joint motions, and signs (positive by default)."""
         if self.meet != "common":
             return dict(self.numbers)
         signs = {names.sign: 1.0 for names in self.names}

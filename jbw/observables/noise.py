@@ -1,4 +1,4 @@
-r"""The noise of data groups, from repeats and fits, and how many values each group counts.
+r"""The noise of data groups, from repeats and fits, and their effective numbers of values.
 
 All functions read only columns of `Groups`: a mean of K repeats of N values, of which n are
 independent, with the scatter S of the repeats about it.
@@ -135,7 +135,7 @@ def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Data
 
 
 def silenced(labels: Collection[str], data: Dataset) -> Dataset:
-    """Return the dataset with data groups that the likelihood ignores, in arrays of equal shape."""
+    """Return a dataset whose likelihood ignores the named groups, in arrays of the same shape."""
     return with_effective_values(fractions_counted(data) | dict.fromkeys(labels, SILENT), data)
 
 

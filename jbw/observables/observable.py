@@ -156,7 +156,7 @@ class Observable(eqx.Module):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce tests to means and deviations of repeats; equally sampled tests form one part.
+        """Reduce tests to means and deviations of repeats, one part per group of equal sampling.
 
         `substeps` is the number of solver steps between samples; None for the default.
         """

@@ -131,7 +131,7 @@ class Records(Observable):
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Reduce sweeps over time, multisines over periods; tests sampled equally form one part."""
+        """Reduce tests to mean and deviations of repeats or periods; group tests by sampling."""
         sweeps = [on_time(test) for test in tests if test.kind != "multisine"]
         steady = [periods(test) for test in tests if test.kind == "multisine"]
         steady = [test for test in steady if test is not None]
@@ -234,7 +234,7 @@ class Records(Observable):
         return rows[tuple(map(np.array, where))]
 
     def _of_terms(self, theta: Theta) -> Float[Array, "level compared"] | float:
-        """Return the response of residual terms to each level's input; 0 without any."""
+        """Return the response of residual terms to each level's input; 0 without residual terms."""
         if not taken(theta, self.residuals):
             return 0.0
         how = {"response": self.response, "residuals": self.residuals}
@@ -251,8 +251,8 @@ class Records(Observable):
         It is $d - m(o) - J^T (\theta - o)$ about an origin o.
         """
         predicted = self.predict(theta)
-        # A very large motion hides the data by rounding errors, and a band may not show such a
-        # motion.
+        # The rounding errors of a very large motion exceed the data. Such a motion may lie outside
+        # the compared band, so that the samples are checked.
         hidden = self._hidden(jnp.max(jnp.abs(predicted), axis=1))
         residual = self.compared(self.mean - predicted)
         residual = jnp.where(hidden[:, None], jnp.nan, residual)
@@ -396,7 +396,7 @@ class Records(Observable):
                 "Records that are periodic or of an unsuitable law cannot be simulated as a batch: "
                 "simulate one parameter point at a time."
             )
-        measured = None  # If spectral lines of a band are compared, samples are not.
+        measured = None  # In a band, spectral lines are compared instead of samples.
         if self.lines is None:
             measured = MeasuredResponse(self.mean, self.groups.directions, self.skipped)
         record = record_of(self.held, number, measured)
@@ -451,7 +451,7 @@ class Records(Observable):
         return (size > 0) & (peak > ABSURD * size)
 
     def _is_summed(self, theta: Mapping[str, Any]) -> bool:
-        """Return whether the time loop can sum the residual: of time samples, from rest."""
+        """Return whether the time loop can sum the residual; this needs time samples from rest."""
         plain = not (self.held.periodic or self.groups.is_complex or any(self.points))
         return plain and not self.groups.spanned.shape[1] and not taken(theta, self.residuals)
 
@@ -531,7 +531,7 @@ def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
             )
             continue
         band = slice(*data.lines)
-        # With a band, the samples over time are the measured ones, with the noise outside the band.
+        # The samples over time still contain the measured noise outside the band.
         rate = np.fft.irfft(1j * omega * np.fft.rfft(mean), length)
         late = None if data.held.periodic else np.arange(length) / data.fs * rate
         rows = (mean, source, 0.0 * mean if late is None else late)

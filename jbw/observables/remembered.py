@@ -17,11 +17,12 @@ from jbw.oscillator.laws.reversals import SIZE
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.report.messages import observed as messages
 
-Records = Any  # records with measured inputs, whose methods call these functions
+# Measured records. The type is not imported, because its module imports the functions of this one.
+Records = Any
 
 
 def guesses(theta: Mapping[str, Array], data: Observable) -> Float[Array, " level"]:
-    """Return how often the laws remembered too few load reversals, for each level."""
+    """Return, per level, the number of times that the laws remembered too few load reversals."""
     return _guesses(theta, alone(data))
 
 

@@ -96,7 +96,7 @@ def added_response(
 def own_columns(
     force: Float[np.ndarray, "level time"], fs: float, response: str, lines: tuple[int, int] | None
 ) -> Float[np.ndarray, "level 2 value"]:
-    r"""Return a test's responses to unit U and L: $F_k (j\omega_k)^o$, and this / $\omega_k^2$.
+    r"""Return a test's responses to unit U and L: $f_k = F_k (j\omega_k)^o$, $f_k / \omega_k^2$.
 
     For lines these are the real parts, then the imaginary parts; for samples, the signal of the
     driven lines in time.

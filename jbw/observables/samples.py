@@ -36,7 +36,7 @@ Lines = tuple[int, int]
 
 
 def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
-    """Return the first spectral line of a band and the one after its last; raise if empty."""
+    """Return the index range (start, stop) of a band's spectral lines; raise if it is empty."""
     if not band_hz:
         return None
     first, last = whole_up(band_hz[0] * length / fs), whole_down(band_hz[1] * length / fs)
@@ -102,7 +102,7 @@ def _models(
         if not has_further_modes(point):
             return with_depth(oscillator_of(point, laws), depth)
         structure = at_points(point, modal_structure_of(point, laws))
-        # as many load reversals as `jbw.simulate` begins with where several modes move
+        # `jbw.simulate` starts with this number of load reversals if several modes move.
         deep = None if depth is None else max(depth, OF_SEVERAL_MODES)
         return with_depth(by_joint(structure), deep)
 

@@ -247,8 +247,8 @@ def _own_columns(groups: Sequence[MeasuredHarmonic]) -> Float[np.ndarray, "group
         raise DataError(
             "`residuals` = 'own' needs a test whose response is compared, but the response of "
             f"{held} was controlled.",
-            why="If the response is controlled, the force is compared, and a residual term would "
-            "change this force through the law of the joint.",
+            why="If the response is controlled, measured and predicted force are compared, and a "
+            "residual term would change the predicted force through the law of the joint.",
             remedy="State `residuals` as 'upper' or 'both', whose terms all tests share.",
         )
     first = [group.factor * group.load[:, group.order // 2] for group in groups]

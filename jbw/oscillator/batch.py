@@ -197,7 +197,7 @@ def march(
 
 
 def compile_ahead(models: Model, order: int) -> None:
-    """Compile the simulation of these laws, or wait for its compilation, without a record.
+    """Compile the simulation of the models' laws before a record is known; return when done.
 
     Args:
         models: Models with these laws and any parameters.

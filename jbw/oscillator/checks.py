@@ -147,8 +147,8 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
         )
     elif start_memory and np.any(np.asarray(start_memory[0]) != 0.0):
         raise ConfigError(
-            "Argument `initial` contains one z, but the laws of the joint do not have one internal "
-            "state in all.",
+            "Argument `initial` contains a single z, but the laws of the joint do not have exactly "
+            "one internal state.",
             remedy="Give (y, v), or (y, v, memories) with the internal state of every law.",
         )
     expected = jax.tree.structure(joint.at_rest())
@@ -267,7 +267,7 @@ def check_settled(residual: Any) -> None:
     raise ModelError(
         f"No steady state was found: the state changes by {np.max(residual):.1e} of its largest "
         "value over the period.",
-        why="The response may not be periodic with the input's period.",
+        why="Perhaps the response does not have the period of the input.",
         remedy="Give an `initial` nearer to the steady state, or simulate several periods with "
         "`periodic=False`.",
     )

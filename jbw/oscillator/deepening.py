@@ -24,7 +24,7 @@ class Guessing(Protocol):
 
     @property
     def guesses(self) -> Any:
-        """How often a law remembered too few load reversals, per record; see `Response`."""
+        """The number of times per record that a law remembered too few load reversals."""
         ...
 
 

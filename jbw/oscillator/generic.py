@@ -30,7 +30,7 @@ _PERIOD_POINTS = 512
 
 @lru_cache(maxsize=1024)
 def feels_rate(force: Callable[..., Any], form: Any, shapes: tuple) -> bool:
-    """Return whether the force of a law with this tree form depends on the size of the velocity.
+    """Return whether the force of a law of the given pytree structure depends on the speed.
 
     A force that depends only on the sign of v has no such slope: it is equal in fast and slow
     motion.

@@ -192,7 +192,7 @@ class Law(eqx.Module):
     def turn(
         self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Return the internal state after a step that may reverse, and how kinks change v and y.
+        """Return the state after a step that may reverse, and the changes of v and y due to kinks.
 
         Args:
             h: Length of the step [s].

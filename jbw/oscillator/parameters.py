@@ -112,12 +112,12 @@ class Coordinates(NamedTuple):
         return tuple(monomial.quantity for monomial in self.inverse)
 
     def to_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the law's own parameters for these coordinates; other entries stay the same."""
+        """Convert these coordinates to the law's own parameters; keep all other entries."""
         rest = {name: value for name, value in theta.items() if name not in self.names}
         return rest | {monomial.name: monomial.of(theta) for monomial in self.forward}
 
     def from_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
-        """Return these coordinates for the law's own parameters; other entries stay the same."""
+        """Convert the law's own parameters to these coordinates; keep all other entries."""
         law_names = {monomial.name for monomial in self.forward}
         rest = {name: value for name, value in theta.items() if name not in law_names}
         return rest | {monomial.name: monomial.of(theta) for monomial in self.inverse}

@@ -120,7 +120,7 @@ def _sums_jvp(substeps, primals, tangents):
 
 
 def _of_trajectory(substeps: int, task: Task) -> Sums:
-    """Return the sums of residuals from stored states; unlike the time loop, differentiable."""
+    """Return the sums of residuals from stored states, in a form that can be differentiated."""
     stepping, joint, force, compared = task
     trajectory = solve(substeps, stepping, _at_rest(joint))
     response = response_of(joint, compared.order, trajectory, force)[compared.first :]

@@ -105,8 +105,8 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
     return _advanced(step, state, push, kinks, on_one_device())
 
 
-# Traced once for all programs that step a law, but once more for batches on several devices,
-# because `where_rare` treats them differently.
+# This function is traced once for all programs that step a law. The argument `_on_one_device`
+# causes a second trace for batches on several devices, for which `where_rare` gives other code.
 @partial(jax.jit, static_argnums=(3, 4))
 def _advanced(
     step: ExactStep, state: State, push: Push, kinks: Kinks, _on_one_device: bool
@@ -244,7 +244,7 @@ def through_kinks(
     predicted: tuple[Scalar, Scalar],
     others: tuple[Scalar, ...] = (),
 ) -> tuple[End, tuple[Scalar, Scalar]]:
-    r"""Return the end of a step that may contain a turning point, a kink of a law, or both.
+    r"""Return the state after a step that may contain a turning point, a kink of a law, or both.
 
     A turning point depends on the motion before it. Therefore $\ddot r$ on the branch of the start,
     times its weights on y and v, is added to the prediction.

@@ -214,7 +214,7 @@ def simulate_equivalent(
     adjoint: diffrax.AbstractAdjoint | None = None,
     **switching: Any,
 ) -> EquivalentResponse:
-    """Integrate the equivalent system in time: a polynomial that switches replaces hysteresis.
+    """Integrate the equivalent system in time, where a switching polynomial replaces hysteresis.
 
     The method is Tsit5 with a fixed step of 1/(substeps fs); a sampled input is linear between its
     samples. The force jumps at every turning point, by 2 (lambda_0 - lambda_2 y^2). That is little
@@ -285,9 +285,9 @@ def _length(u: Array, num_samples: int | None) -> int:
 
 
 class _Drive(eqx.Module):
-    """The input, the force that switches, and the switching rule of the equivalent system, by step.
+    """The input, the switched force and the switching rule, as functions of the step's number.
 
-    A step is then a whole number, so that no rounding accumulates over a long record.
+    The number is whole, so that no rounding accumulates over a long record.
     """
 
     u: Array | InputFunction

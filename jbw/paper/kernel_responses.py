@@ -214,7 +214,7 @@ def _coefficients(
     slots: Int[ArrayLike, "term order"],
     weight: Int[ArrayLike, " term"],
 ) -> Complex[Array, " term"]:
-    """Return the coefficients of the terms with given factors of the tones' amplitudes."""
+    """Return each term's coefficient; `slots` selects the amplitudes that it multiplies."""
     signed = jnp.stack([omega, -omega], axis=1).ravel()
     half = jnp.stack([amplitude, jnp.conj(amplitude)], axis=1).ravel() / 2.0
     return jnp.asarray(weight) * jnp.prod(half[slots], axis=1) * kernel(system, *signed[slots].T)

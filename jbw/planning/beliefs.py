@@ -29,7 +29,8 @@ from jbw.verification.predictive_basis import Draws, laws_of_run, parameter_name
 REACH = {"omega_n": 1.1}
 FACTOR = 2.0
 Range = tuple[float, float]
-# factor on each side of the mean, if a posterior does not state its prior's bounds
+# If a posterior does not state its prior's bounds, these are the mean divided by this factor and
+# the mean multiplied by it.
 UNBOUNDED = 10.0
 
 
@@ -43,7 +44,7 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True)
 class Beliefs:
-    """The joints drawn for a plan, and what is known of their parameters before any test."""
+    """The joints drawn for a plan, and the knowledge of their parameters before any test."""
 
     # values of all parameters and of `gain` for every drawn joint, in the units of the parameters
     joints: Draws
@@ -52,7 +53,7 @@ class Beliefs:
     scale: Float[np.ndarray, "joint parameter"]
     # inverse of the prior covariance of changes that are divided by `scale`
     precision: Float[np.ndarray, "parameter parameter"]
-    # prior bounds of the inferred parameters, which show whether tests determine a parameter
+    # prior bounds of the inferred parameters: a plan compares its accuracy with these bounds
     box: Box
     laws: tuple[str, ...] = DEFAULT_LAWS
 

@@ -80,7 +80,7 @@ class PlannedTones:
 
     @property
     def num_samples(self) -> int:
-        """The number of samples of each frequency that are used."""
+        """The number of samples that are used at each frequency."""
         return round((self.dwell - self.settle) * self.fs)
 
     @property
@@ -216,7 +216,7 @@ class MeasurementPlan:
     combination: Combination  # set of tests that together give the wanted accuracy
     wish: Wish
     num_joints: int  # number of drawn joints, over which all medians and deciles are taken
-    before: dict[str, Expected]  # CV of each parameter before any of these tests
+    before: dict[str, Expected]  # CV of each parameter before the planned tests
     notes: tuple[str, ...] = ()  # assumptions of the plan
 
 

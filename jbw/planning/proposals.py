@@ -26,7 +26,7 @@ from jbw.planning.plan import (
 from jbw.planning.prospects import peak_displacements
 from jbw.report.messages import planning
 
-# displacements at which the levels aim, relative to the largest displacement
+# displacements that the levels are to reach, relative to the largest displacement
 SHARES = (0.2, 0.45, 0.9)
 SPAN = (0.5, 1.5)  # frequency range of a sweep, relative to the natural frequency
 PERIODS = (200, 800)  # number of periods in a sweep, at its average frequency
@@ -36,7 +36,7 @@ NUM_STEPS = 15
 # number of points of a backbone, and ratio of its smallest to its largest amplitude
 NUM_POINTS, LEAST_SHARE = 14, 0.03
 BANDWIDTHS = 4  # width that a stepped sine covers on each side of the resonances, in bandwidths
-READ_PERIODS = 100  # number of natural periods of each tone that are used
+READ_PERIODS = 100  # used length of each tone, in natural periods
 DECAY = np.log(1000.0)  # required decay of a transient before the next measurement, in nepers
 # number of corrections of a sweep's level; each reduces the error of its peak several times
 NUM_TRIES = 3
@@ -57,7 +57,7 @@ class DwellingTable(FileTable):
     """The keys that the tables of all tests with several steady points share."""
 
     dwell: Positive | None = key(None, "duration of each step [s]")
-    settle: NonNegative | None = key(None, "time at the start of each step that is discarded [s]")
+    settle: NonNegative | None = key(None, "discarded time at the start of each step [s]")
 
     @model_validator(mode="after")
     def _settles(self) -> Self:
@@ -171,7 +171,8 @@ def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
     others = [kind for kind in grids if kind != "sweep"]
     if others and len(modes_of(beliefs.joints)) > 1:
         raise ConfigError(
-            f"[{others[0]}]: tests of steady tones model only one mode, but the run has several.",
+            f"[{others[0]}]: tests with steady tones can be planned only for a structure with one "
+            "mode, but the run has several modes.",
             remedy="Plan sweeps about every mode.",
         )
 

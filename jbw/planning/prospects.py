@@ -133,7 +133,7 @@ def _found(
     information: Float[np.ndarray, "joint parameter parameter"],
     y_peak: Float[np.ndarray, " joint"],
 ) -> Prospect:
-    """Return the results of a candidate test; joints without a solution get no information."""
+    """Return the results of a candidate test, with zero information if a joint has no solution."""
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
     information[lost], y_peak[lost] = 0.0, np.nan
     return Prospect(candidate, information, y_peak)

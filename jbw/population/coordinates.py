@@ -18,8 +18,8 @@ STRUCTURE = ("omega_n", "zeta")
 NUM_KEPT = 400  # number of draws that are kept of each unit, evenly spaced among all its draws
 # A unit is not pooled if more than this fraction of its posterior lies beyond the prior's bounds.
 CUT = 0.01
-# largest standard deviation of a coordinate's logarithm with which a unit determines this
-# coordinate in addition to the products of its law
+# A coordinate is pooled in addition to the products of a law if the standard deviation of the
+# coordinate's logarithm is less than this value in every unit.
 KNOWN = 0.2
 
 Rows = Float[np.ndarray, "coordinate parameter"]

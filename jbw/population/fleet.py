@@ -243,7 +243,7 @@ def _words(texts: Iterable[str]) -> Any:
 
 
 def _common(units: Sequence[Unit]) -> tuple[list[str], dict[str, list[str]]]:
-    """Return the names of quantities that are positive in every unit, and all others with units."""
+    """Return the quantities that are positive in every unit, and for all others the exceptions."""
     every = dict.fromkeys(name for unit in units for name in unit.draws)
     lacking = {
         name: [u.name for u in units if name not in u.draws or not np.all(u.draws[name] > 0)]
@@ -259,7 +259,7 @@ def _log_bounds(unit: Unit, name: str) -> tuple[float, float]:
 
 
 def beyond(unit: Unit, name: str) -> float:
-    """Return the probability beyond the prior bounds of a Gaussian with the draws' mean and sd.
+    """Return the probability beyond the prior bounds, for a Gaussian fitted to a unit's draws.
 
     It is almost zero for a posterior that the bounds do not affect, 9 % for a posterior that is cut
     at its mode (half a Gaussian), and 4 % for a posterior that is flat up to a bound. NaN if the

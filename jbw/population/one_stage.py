@@ -144,7 +144,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     identification = study.identification
     if identification is None or identification.data is None:
         raise DataError(
-            f"The result of {study.result.campaign} has no likelihood of its records.",
+            f"The result of {study.result.campaign} contains no likelihood of its records.",
             why="A result that is read from a saved run contains draws, but no likelihood.",
             remedy="Give the result that `jbw.identify` returned in this process.",
         )
@@ -154,7 +154,7 @@ def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
     draws: Any = np.stack([np.ravel(posterior[name].values) for name in names], axis=-1)
     if not np.all(draws > 0):
         raise DataError(
-            f"Some draws of {study.result.campaign} are not positive, so they have no logarithm.",
+            f"Some draws of {study.result.campaign} are not positive and have no logarithm.",
             remedy="Leave the unit out, or check the two-stage population with other units.",
         )
     upper = np.array([bounds[name][1] for name in names])

@@ -114,7 +114,7 @@ def y_peak_of(fleet: xr.DataTree) -> float:
 def new_backbone(
     population: Population, fleet: xr.DataTree, torque: float | None = None, *, seed: int = 0
 ) -> xr.Dataset:
-    """Return 99 % bands of a new unit's frequency and damping, up to motion that all units reached.
+    """Return 99 % bands of a new unit's frequency and damping, over motion that all units reached.
 
     For arguments and errors see `jbw.new_units`.
 

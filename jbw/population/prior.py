@@ -18,8 +18,8 @@ ANYWHERE = 5.0  # prior sd of the mean of a logarithm over all units, so wide th
 SCATTER = {"omega_n": 5e-3, "zeta": 0.3}
 SLOPE = {"omega_n": (0.0, 0.05), "zeta": (0.0, 0.5)}
 JOINT_SCATTER, JOINT_SLOPE = 0.5, (-1.0, 1.0)
-# Mean and standard deviation of the slope for other parameters of a law, whose trend may have
-# either sign.
+# Mean and standard deviation of the slope for coordinates that are not products of a law's
+# parameters; the trend of such a coordinate may have either sign.
 PARAMETER_SLOPE = (0.0, 1.0)
 # prior standard deviation of a slope on ln of the tightening number, relative to the variation
 # between units

@@ -1,4 +1,4 @@
-r"""The expected coordinates of units against torque: powers of the torque, or saturating curves.
+r"""The expected coordinates of units as functions of torque: power laws, or saturating curves.
 
 $$E\,\varphi_k = B x_k \qquad\text{or}\qquad
   a + b\,u\,(1 - e^{(1 - T_k / T_{ref})/u}), \quad u = T_0 / T_{ref}$$
@@ -65,8 +65,8 @@ def mask_of(
             )
     if len(saturating) and TORQUE not in columns:
         raise DataError(
-            "All units of the fleet have one torque, or state none: no parameter can saturate with "
-            "torque.",
+            "All units of the fleet have the same torque, or state none: no parameter can saturate "
+            "with torque, because the fleet contains no change of torque.",
             remedy="Collect units of several torques, or leave --saturating out.",
         )
     return np.array([name in saturating for name in names])

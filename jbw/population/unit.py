@@ -159,7 +159,7 @@ def _gain(
 def _quantities(
     posterior: xr.Dataset, laws: Sequence[str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
-    """Return a run's draws of parameters, products and other coordinates; also descriptions."""
+    """Return draws and descriptions of a run's parameters, products and other coordinates."""
     by_name = {quantity.name: quantity for quantity in (*OSCILLATOR, *quantities_of(laws))}
     # The gain comes last, because it belongs to the source and not to the joint.
     by_name[GAIN] = by_name.pop(GAIN)

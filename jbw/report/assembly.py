@@ -30,7 +30,7 @@ from jbw.report.text import axis_label, length_unit, number, percent, plain
 JOINTS, ASSEMBLY = "joints", "assembly"
 EXAGGERATED = 0.12  # largest drawn deflection, divided by the structure's largest dimension
 MOST_MODES, COLUMNS = 6, 2
-MOST_NAMED = 3  # joints named in a title
+MOST_NAMED = 3  # largest number of joints that a title names
 ISOMETRIC = np.array([[np.sqrt(0.75), -np.sqrt(0.75), 0.0], [-0.5, -0.5, 1.0]])
 # thickness of a flat structure, relative to its largest dimension, up to which it is drawn in a
 # plane

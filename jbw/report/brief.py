@@ -314,7 +314,7 @@ def _table(
     for row, colour in ((cells.names, SOFT), *((row, INK) for row in shown)):
         for text, (start, end, side) in zip(row, cells.columns, strict=True):
             room = ROOM if row is more else ROOM * (end - start)
-            # A long number is written smaller, because a part of a number is a wrong number.
+            # A long number is written in a smaller font: a truncated number would be wrong.
             fits = FILLED * room / max(_width(str(text), SIZE), TINY)
             size = SIZE * min(1.0, max(SMALLEST, fits))
             shortened = _shortened(str(text), room if fits >= 1.0 else FILLED * room, size)

@@ -40,7 +40,7 @@ from jbw.report.style import MODEL, shade
 from jbw.report.text import axis_label
 from jbw.results.attributes import PredictedTest
 
-# largest number of samples of a record, around its largest response, that a browser moves smoothly
+# largest number of samples, around a record's largest response, that a browser zooms without delay
 LONGEST = 12000
 HERTZ = "frequency [Hz]"
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}

@@ -18,7 +18,7 @@ ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))
 
 
 def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
-    """Return factor and unit with which a displacement [m] or rotation [rad] exceeds one."""
+    """Return the unit, after its factor, in which a motion [m] or [rad] has a value above one."""
     if unit != "rad":
         return length_unit(largest)
     return next((prefix for prefix in ANGLES if largest * prefix[0] >= 1.0), ANGLES[-1])

@@ -45,7 +45,7 @@ PAD, GAP = 0.1, 0.2  # space above and below the text of a box, and between boxe
 
 
 def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """What model represents the structure, and what do the bolts do to it?
+    """Which model represents the structure, and which force does the joint exert?
 
     Left, one mode with a hysteretic element for the joint: medians of the main posterior with half
     of their 99 % intervals. Right, the force of this element along cycles of a quarter, half and

@@ -235,7 +235,7 @@ def _drawn(entry: ReportFigure, tree: xr.DataTree, files: Files | None) -> Drawn
         with suppress(DataError):  # There are no more tests.
             return drawn._replace(rest=written(figure_of(entry.rest(tree)), "_rest"))
         return drawn
-    except DataError as cause:  # A run that omitted a step has no such figure.
+    except DataError as cause:  # A run that omitted a step has no figure of it.
         return drawn._replace(missing=cause.what)
     except Exception as cause:
         if files is not None and isinstance(cause, OSError):  # The file cannot be written.

@@ -170,7 +170,7 @@ def _waterfall(costs: Sequence[float | None]) -> str:
 
 
 def _shift(move: StoredShift | None, quantities: Names) -> str:
-    """Return the shift of a posterior mean by a prior bound [sd] and the bound, as text."""
+    """Return as text how far a prior bound shifts a posterior mean [sd], and the bound."""
     if move is None or not move.box:
         return NOTHING
     size = "∞" if move.shift is None else number(move.shift, 0.1)

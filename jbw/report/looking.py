@@ -20,7 +20,7 @@ from jbw.report.style import Panels, finish, log_y, panels, shade, title
 from jbw.report.text import axis_label, length_unit, plain, unit_text
 from jbw.results.attributes import PredictedTest, StoredVariable
 
-MOST_NAMED = 12  # tests named in a legend
+MOST_NAMED = 12  # largest number of tests that a legend names
 DOTS = {"ls": "", "marker": ".", "ms": 4}
 COLUMNS = 400  # number of columns of a spectrogram, and of a channel's drawn extremes
 LONGEST, SHORTEST = 1024, 32  # largest and smallest length of a spectrogram's window [samples]

@@ -14,10 +14,11 @@ from jbw.report.text import plain
 from jbw.results.attributes import PredictedTest
 
 MARKERS = "osD^v<>"  # one marker per kind of test, repeated if there are more kinds
-# Values within this range of the measured motion, relative to the largest, are repeats of one
-# another.
+# If the amplitudes of a test's values differ by less than this fraction of the largest amplitude,
+# the values count as repeats.
 ALIKE = 0.1
-# relative distance from the joint's frequency, beyond which a measured frequency is another mode's
+# relative distance from the joint's frequency, beyond which a measured frequency belongs to another
+# mode
 OTHER_MODE = 0.15
 
 Values = Float[np.ndarray, " reading"]

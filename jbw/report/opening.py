@@ -33,7 +33,7 @@ from jbw.results.run import (
 # the joint hardly slips
 LOW = 0.1
 MOST_SHOWN = 8
-MOST_DIGITS = 6  # a laboratory repeats no number more exactly
+MOST_DIGITS = 6  # number of digits that no laboratory can reproduce
 LARGE_ODDS = 4  # number of digits above which odds are written as a power of ten
 
 # candidates for the first figure, in order; the second list applies if the tree has no frequency
@@ -43,8 +43,8 @@ UNMEASURED = "zeta"  # parameter that a campaign without a free or driven mode c
 CAUSE = "cause"  # finding that names a fault of the data as the cause of the residual
 POORLY = 2  # grade of a parameter that the data determine better than the prior, but not to 30 %
 LOOK, MEASURED = "look", ("y", "damping", "damping_sd")
-# smallest difference of a law's damping ratio from the measured one, relative to the measured one,
-# that is stated
+# smallest relative difference between a law's damping ratio and the measured damping ratio that is
+# reported
 APART = 0.25
 ABSENT = "no_joint"  # finding that replaces the first sentence: no joint is detected
 
@@ -96,7 +96,7 @@ def lead(summary: RunSummary, drawn: Sequence[str]) -> str | None:
 
 
 def known_parameters(summary: RunSummary) -> list[str]:
-    """Return texts on parameters known to 30 %; products replace factors that are unknown."""
+    """Return texts on parameters determined to 30 %; products replace undetermined factors."""
     rows, graded = summary.parameters, grades(summary)
     drawn = [name for name in graded if rows[name].kl is not None]
     good = [name for name in drawn if graded[name] <= 1]
@@ -160,7 +160,7 @@ def effect_sentence(summary: RunSummary, tree: xr.DataTree) -> str:
 
 
 def contradictions(summary: RunSummary, tree: xr.DataTree) -> list[str]:
-    """Return a sentence where the law's damping ratio differs from the measured one, if any.
+    """Return the sentence that the damping ratios of law and records differ, if they do.
 
     Both are 99 % intervals at the same amplitude. They must be disjoint, and their centres must
     differ by a quarter of the measured damping ratio. The largest difference is stated.
@@ -168,7 +168,7 @@ def contradictions(summary: RunSummary, tree: xr.DataTree) -> list[str]:
     curve, look = node(tree, BACKBONE), node(tree, LOOK)
     if curve is None or look is None or summary.joints is not None:
         return []
-    # Results of earlier versions lack the errors of readings.
+    # Results of earlier versions do not contain the errors of measured damping ratios.
     groups = [group.to_dataset() for group in look.children.values()]
     read = [group for group in groups if set(MEASURED) <= set(group.data_vars)]
     parts = [np.stack([group[name].values for name in MEASURED]) for group in read]

@@ -238,7 +238,7 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
     except ImportError as error:
         raise ConfigError(
             "Interactive figures need plotly, which is not installed.",
-            remedy='Install it: pip install "jbw[interactive]".',
+            remedy='Install plotly: pip install "jbw[interactive]".',
         ) from error
     charts = charts_of(tree)
     if not charts:
@@ -253,7 +253,7 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
             legend={"orientation": "h", "y": -0.2, "groupclick": "togglegroup"},
         )  # fmt: skip
         figure.update_yaxes(type="log" if chart.log else "linear", exponentformat="power")
-        # In JSON within a script, no character may end the script.
+        # JSON in a script element must not contain a character that ends the element.
         data = Markup(str(figure.to_json()).replace("<", "\\u003c"))
         drawn.append((f"chart-{number}", chart.heading, data))
     packed = b64encode(gzip.compress(get_plotlyjs().encode(), 9, mtime=0)).decode()

@@ -73,7 +73,7 @@ def render_picker(campaign: str, tests: Sequence[Test]) -> str:
     return ENVIRONMENT.get_template("picker.html").render(
         campaign=printable(campaign),
         peaks=peaks,
-        # In JSON within a script no character may end the script.
+        # JSON in a script element must not contain a character that ends the element.
         data=Markup(data.replace("<", "\\u003c")),
     )
 
@@ -81,7 +81,7 @@ def render_picker(campaign: str, tests: Sequence[Test]) -> str:
 def picker_data(
     tests: Sequence[Test], spectra: Mapping[str, ShownSpectrum], peaks: Sequence[Peak]
 ) -> dict[str, Any]:
-    """Return the data of the page: each test's spectrum with any stated band, and the peaks."""
+    """Return the data of the page for choosing bands: spectra, stated bands and peaks."""
     return {
         "tests": [
             {

@@ -246,7 +246,7 @@ def draw_curves(column: Panels, suffix: str, family: Family, palette: Mapping[st
 
 
 def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Does the model predict tests of kinds that were added to jbw?
+    """Does the model predict the tests of user-defined kinds?
 
     Means over the repeats of such a test, against its coordinate, with the model's 99 % bands.
 
@@ -254,7 +254,7 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     group_tests = [(name, test) for _, name, test in verified(tree, "axis")]
     if not group_tests:
-        raise DataError("The result has no test of a kind that was added to jbw.")
+        raise DataError("The result has no test of a user-defined kind.")
     axes, stack = stacks(ax, len(group_tests), 1, height=2.5)
     for (only,), (name, test) in zip(stack, group_tests, strict=True):
         facts = PredictedTest.of(test)

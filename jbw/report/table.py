@@ -52,7 +52,7 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """Columns and sections of rows, with a note on all; `of` says what the sections are."""
+    """A table: columns, sections of rows and a note; `of` names what the sections are."""
 
     title: str
     columns: tuple[Column, ...]

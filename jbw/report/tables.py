@@ -203,7 +203,7 @@ def every_test(summary: RunSummary, tree: xr.DataTree | None = None) -> list[Sto
 
 
 def tests_of_records(rows: Sequence[StoredTest]) -> dict[str, StoredTest]:
-    """Return, for each record with a separate row (such as a free decay), the row of its test."""
+    """Map each record that has its own table row, such as a free decay, to its test's row."""
     kind_of = attrgetter("kind")
     return {
         row.test: test

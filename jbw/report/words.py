@@ -12,7 +12,7 @@ from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, s
 from jbw.results.run import RunSummary, StoredParameter, StoredVerdict
 
 KINDS = {"ok": "good", "failed": "bad"}
-# names in sentences that are not names of parameters
+# spelling of those names in sentences that are not names of parameters
 SPELLED = {
     **{f"lambda_{n}": f"λ{digit}" for n, digit in enumerate("₀₁₂₃")},
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
@@ -151,7 +151,7 @@ def identified_words(summary: RunSummary, quantities: Names) -> list[str]:
 
 
 def _law_words(law: str) -> str:
-    """Return the displayed name of one law (a family without its number) with its joints."""
+    """Return the displayed name of one law with its joints; omit the number of a family."""
     plain, joints = split(law)
     called = LAWS.get(plain) or LAWS.get(plain.rstrip("0123456789_")) or plain.replace("_", " ")
     return f"{called} at {', '.join(joints)}" if joints else called

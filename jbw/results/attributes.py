@@ -116,7 +116,7 @@ class StoredAssembly(Attributes):
 
 
 class StoredErrors(Attributes):
-    """The attributes of held-out errors: whether each run has its own natural frequency."""
+    """The attributes of held-out errors, with the flag of separate natural frequencies per run."""
 
     own_frequency: bool = False
 

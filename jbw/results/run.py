@@ -112,7 +112,7 @@ class StoredMoments(Stored):
 
 
 class StoredRoutes(StoredRow):
-    """A parameter from Teloli's sequential steps (`cut`) and from the joint posterior."""
+    """Two estimates of a parameter: Teloli's sequential steps (`cut`) and the joint posterior."""
 
     cut: StoredMoments = StoredMoments()
     joint: StoredMoments = StoredMoments()

@@ -22,9 +22,9 @@ class WatchSettings(Stored):
 
 
 class WatchLine(Stored):
-    """A record of a watch: its values and statement, or the reason why it is refused."""
+    """A monitored record: its values and statement, or the reason why it is refused."""
 
-    entry: str = Field(alias="kind")  # reading, refused, or known: in the watch already
+    entry: str = Field(alias="kind")  # reading, refused, or known (already in the watch)
     number: int | None = None
     record: str = ""
     id: str = ""

@@ -122,7 +122,7 @@ def holding_force(joint: Joint | Specimen, held: Held) -> NDArray[np.complex128]
 def held_points(
     joint: Joint | Specimen, points: HeldPoints, distortion: float = 0.0
 ) -> NDArray[np.complex128]:
-    """Return the force F_1 per mass [N/kg] at each point that holds the response amplitude.
+    """Return the force F_1 per mass [N/kg] that holds the response amplitude at each point.
 
     `distortion` is the exciter's third harmonic relative to its fundamental; it follows the phase
     of the fundamental.

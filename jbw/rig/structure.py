@@ -164,7 +164,7 @@ def modal_truth(shapes: Shapes, mode: int = 0) -> dict[str, Modal]:
 
 
 def law_of_mode(law: Law, shapes: Shapes, mode: int = 0) -> dict[str, float]:
-    r"""Return a joint law's parameters for one mode's oscillator with the output y as displacement.
+    r"""Convert a law's parameters to those of one mode's oscillator, whose displacement is y.
 
     $$x = s\,y, \qquad s = \phi_J/\phi_r, \qquad \text{force per unit mass}\ \phi_J \phi_r f$$
 

@@ -62,8 +62,8 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
     except OSError as error:
         if error.errno not in UNSUPPORTED:
             raise
-    # The holder is written to another file, because Windows lets no other process read a locked
-    # file.
+    # The process that holds the lock is recorded in another file, because Windows lets no other
+    # process read a locked file.
     holder = {"pid": os.getpid(), "host": platform.node()}
     file.with_suffix(HOLDER).write_text(json.dumps(holder), encoding="utf-8")
     return held
@@ -249,7 +249,7 @@ def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
 def require_same(run: Run) -> str | None:
     """Raise an error if a run's inputs changed; return a warning if only the machine changed."""
     is_whole = (run.folder / "summary.json").exists() and not is_first_answer(run.folder)
-    # A complete result lacks only its report, which does not depend on the inputs.
+    # If the result is complete, only the report remains, which does not depend on the inputs.
     if not is_whole:
         require_unchanged(run.manifest, run.campaign)
     was, is_ = run.manifest.machine, machine()

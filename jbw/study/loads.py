@@ -167,7 +167,7 @@ def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator | Struct
     """Return the posterior draws as one model whose arrays have a first axis of draws."""
     if basis.beside:
         raise ConfigError(
-            "A comparison of several laws has no single joint.",
+            "A comparison of several laws contains more than one fitted joint.",
             remedy="Load the run of a single law.",
         )
     return model_of(basis.draws(draws, gain=1.0), basis.laws)
@@ -244,16 +244,16 @@ class Zone(NamedTuple):
     high: float
 
     def holds(self, omega: Values) -> NDArray[np.bool_]:
-        """Return whether each frequency is in the zone."""
+        """Return whether each frequency [rad/s] lies in this mode's zone."""
         return (omega >= self.low) & (omega < self.high)
 
     def within(self, omega: Values) -> Values:
-        """Return the frequencies in the zone."""
+        """Return the given frequencies [rad/s] that lie in this mode's zone."""
         return omega[self.holds(omega)]
 
 
 def zones_of(basis: Basis, load: Load) -> list[Zone]:
-    """Return the zones of all modes on which the source acts; they meet at geometric means."""
+    """Return the zones of all driven modes, which meet at the frequencies' geometric means."""
     (_, first), *_ = basis.shared(max(FEW, 2))
     joint = model_of(first.draws(FEW, gain=1.0, seed=load.seed), first.laws)
     if not isinstance(joint, Structure):
@@ -356,7 +356,7 @@ def by_zones(
 
 
 def together(readied: Sequence[Prepared]) -> Prepared:
-    """Return the facts of several modes as one: largest reach, any band withheld, all warnings."""
+    """Combine the facts of several modes: largest reach, any withheld band, and all warnings."""
     reach, withheld = max(one.reach for one in readied), any(one.withheld for one in readied)
     harmonics = max(one.load.harmonics or 1 for one in readied)
     warnings = dict.fromkeys(line for one in readied for line in one.warnings)
@@ -366,14 +366,14 @@ def together(readied: Sequence[Prepared]) -> Prepared:
 
 
 def _third(member: Member, y: float) -> float:
-    """Return the joints' third harmonic over their first, in resonance at an amplitude [m]."""
+    """Return the ratio of the joints' third to first harmonic in resonance at an amplitude [m]."""
     amplitude = np.full((len(member.share), 1), y)
     third = member.motion.shapes(amplitude, member.resonant(amplitude))[1]
     return float(np.nanmax(third, initial=0.0))
 
 
 def _require_apart(member: Member, y: float, what: str) -> float:
-    """Return a mode's measured displacement [m] at an amplitude; raise if a mode is too near.
+    """Return a mode's measured displacement [m]; raise an error if the next mode is too near.
 
     Raises:
         ModelError: Another mode is nearer than ten half-power widths.
@@ -399,8 +399,8 @@ def _require_widths(motion: EquivalentMotion, omega: Values, widths: Values, wha
         raise ModelError(
             f"{what} needs a mode that is at least {APART:g} half-power widths from the next, but "
             f"mode {motion.mode + 1} at {own / TAU:.4g} Hz is {abs(nearest - own) / width:.2g} "
-            "widths from it.",
-            why="Modes are predicted one by one, as if each moved alone.",
+            "widths from the next.",
+            why="Modes are predicted one by one, as if each mode moved alone.",
             remedy=messages.WITH_ALL_MODES,
         )
 
@@ -416,7 +416,7 @@ def _internal_resonances(member: Member, y: float, what: str) -> Iterator[str]:
 
 
 def _thresholds_beyond(member: Member, y: float, y_peak: float, what: str) -> Iterator[str]:
-    """Yield a warning for each threshold of a law between the fitted displacement and the load's.
+    """Yield a warning for each threshold of a law that the load exceeds but the fit does not.
 
     The displacement of one of several joints is unknown in fitted tests, so that these are not
     compared.

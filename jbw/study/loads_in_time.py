@@ -40,7 +40,7 @@ FEW = 240
 # Largest relative change of a mode's damping by the simultaneous motion of other modes, computed
 # without the order of the load reversals. The rms of the mode then changes by at most 1 %.
 COUPLED = 0.005
-Modes = Sequence[tuple[Member, RandomResponse]]  # motion of every mode, of the draws of one law
+Modes = Sequence[tuple[Member, RandomResponse]]  # motion of every mode for one law's draws
 MOST_TIMES = 2000  # approximate number of times at which a response is stored
 
 
@@ -132,7 +132,8 @@ def _random(
         response = spectrum(derivative_order(seen.name))
     response = seen.factor**2 * response
     relative = np.sqrt(np.trapezoid(spectrum(0), freq_hz))
-    # The largest values of modes that are independent add by their squares, as their rms do.
+    # The largest values of independent modes combine as the root of the sum of their squares, as
+    # rms values do.
     largest = np.sqrt(sum(one.largest(duration) ** 2 for _, one in modes))
     each = [(f"_{member.motion.mode + 1}" if modes[1:] else "", one) for member, one in modes]
     return {
@@ -193,7 +194,7 @@ def _require_alone(modes: Modes, what: str) -> None:
                 f"{what} must move the joint by one mode at a time, but the motion of the other "
                 f"modes changes the damping of mode {mode + 1} by "
                 f"{100 * float(np.median(change)):.2g} %.",
-                why="Random vibration is predicted mode by mode, as if each moved alone.",
+                why="Random vibration is predicted mode by mode, as if each mode moved alone.",
                 remedy="Restrict the profile to the frequencies of one mode, or simulate the "
                 f"structure of {messages.ONE_DRAW}, by `jbw.simulate` with samples of the force.",
             )

@@ -240,7 +240,7 @@ def _read(
     if traits.is_controlled:
         return [_of_rows([row]) for test in tests for row in readings_of_points(test, gain)], None
     if traits.is_free:
-        # A decay is read in its band or at its strongest line.
+        # A decay is measured in its band, or at its strongest line if it has no band.
         decays = (read for test in tests for read in read_decays(test))
         return [_of_reading(read) for read in decays if read is not None], None
     if traits.is_steady or traits.is_curve:
@@ -362,7 +362,7 @@ def _row(name: str, test: Test, records: Sequence[RecordRead]) -> StoredReading:
 
 
 def _scatter(test: Test) -> float | None:
-    """Return the standard deviation of repeats relative to the rms of their mean; or None."""
+    """Return repeats' standard deviation over the rms of their mean; None if not comparable."""
     records = test.records
     sizes = {record.num_samples for record in records}
     if len(records) < 2 or len(sizes) > 1 or not (test.traits.is_transient):

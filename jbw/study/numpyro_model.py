@@ -121,7 +121,7 @@ def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
 
 def _with_prior(campaign: Campaign, prior: Mapping[str, Any]) -> Campaign:
     """Return the campaign with some priors replaced, each checked as in a campaign file."""
-    # Only the new priors are checked: settings made in Python may be impossible in a file.
+    # Only the new priors are checked: Python code may have made settings that a file rejects.
     checked = Identify.of({"prior": {**campaign.settings.prior, **prior}})
     settings = campaign.settings.model_copy(update={"prior": checked.prior})
     modes = 1 if campaign.structure is None else len(campaign.structure.modes)

@@ -87,11 +87,11 @@ def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTest
 
 
 def candidates(read: Sequence[str]) -> tuple[tuple[str, ...], ...]:
-    """Return the laws to fit: the proposals of frequency and damping, then further laws.
+    """Return the laws to fit: first the laws that frequency and damping suggest, then others.
 
-    The default law belongs to the proposals. Further laws have a force of the same kind, because a
-    measured exponent may exclude the right law. If `read` is empty, these are all others. Laws with
-    few parameters come first.
+    The default law is among the suggested laws. The other laws have a force of the same kind,
+    because a measured exponent may exclude the right law; if `read` is empty, they are all other
+    laws. Laws with few parameters come first.
     """
 
     def by_size(laws: Iterable[str]) -> list[str]:
@@ -175,7 +175,7 @@ def _trials(
     by_curve: dict[str, CurveFit],
     key: Key[Array, ""],
 ) -> Iterator[tuple[str, Mapping[str, float], bool]]:
-    """Yield each law in the order of its fits, with its start, and whether it gets no other.
+    """Yield each law to fit, its starting point, and whether the fit uses only this point.
 
     Laws are fitted to the curve group by group; `by_curve` collects these fits.
     """
@@ -184,7 +184,7 @@ def _trials(
         for law in group:
             tried = assemble(replace(seen, laws=(law,)))
             least = min((one.criterion for one in by_curve.values()), default=np.inf)
-            with suppress(JbwError):  # Such a law has no steady loops.
+            with suppress(JbwError):  # The law has no steady loops.
                 one = from_readings(key, tried, seen.settings, curve, below=least)
                 if one is not None:
                     by_curve[law] = one

@@ -403,7 +403,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
 
 
 def known_of(folder: Path) -> tuple[RunSummary, Known]:
-    """Return what a run determined: summary, prior bounds, and posterior means of Step 3."""
+    """Return a run's summary, prior bounds, and posterior means of Step 3."""
     summary, tree = read_result(folder, "posterior", "steps")
     bounds, means = {}, {}
     if summary.main == "joint" and "posterior" in tree.children:

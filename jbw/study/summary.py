@@ -284,7 +284,7 @@ def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
-    """Return why errors at other levels or for other kinds of test are unknown, if they are."""
+    """Return the reasons why errors at other levels or kinds of test are unknown, if any."""
     missed = node(tree, "discrepancy")
     if missed is None or data is None:
         return {}

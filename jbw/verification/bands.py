@@ -12,7 +12,7 @@ from jbw.inference.posterior.summary import QUANTILES
 
 # name, among the reference models, of the law's own prediction without model discrepancy
 LAW = "law"
-# name of the axis of the quantiles of every band
+# name, values and attributes of the axis along which a band's quantiles lie
 QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})
 
 
@@ -76,7 +76,7 @@ def recentred(
 def about_law(
     model: Shaped[np.ndarray, " draw *value"], others: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    """Move the draws' median to the law's own prediction, if given; return the other models too."""
+    """Centre the draws on the law's own prediction, if given; return draws and other models."""
     rest = {name: values for name, values in others.items() if name != LAW}
     return (recentred(model, others[LAW]) if LAW in others else model), rest
 

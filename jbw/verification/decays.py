@@ -285,7 +285,7 @@ def _along(source: Source, data: Decays) -> Entered:
             return follow(rows, initial.moved(change[..., 0]), time / step_s, step_s)[0]
 
         normal = generator(key).standard_normal((len(decays), 3))
-        lots = range(0, len(decays), LOT)  # whose intermediate results need little memory
+        lots = range(0, len(decays), LOT)  # Small lots need little memory.
         drawn = [continued(decays[i : i + LOT], normal[i : i + LOT], law_std) for i in lots]
         of_others = {
             name: continued(rows[None], normal[:1], 0.0)[0] for name, rows in others.items()
@@ -329,8 +329,8 @@ def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Compl
     record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
     matched = match(structure, record, seen)
     start = jnp.append(matched.entry.state, matched.entry.shift)
-    # As for one mode, the noise of the fitted records determines how well a short start is known;
-    # the frequency shift also has its prior.
+    # As for one mode: a short part of a record determines the initial state, with an uncertainty
+    # that follows from the noise of the fitted records. The frequency shift also has a prior.
     precision = matched.precision * seen.fraction / seen.groups.noise_std[0] ** 2
     covariance = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
     centre = -covariance[:, -1] * matched.entry.shift / seen.shift_std**2

@@ -113,7 +113,7 @@ class ForcedTests:
         return where, without_band(compared) if withheld else compared
 
     def frf(self, motion: Motion) -> Placed:
-        """Yield the comparison of a record's frequency response in the most driven band."""
+        """Yield the measured and predicted frequency response in the most driven band."""
         test = motion.test
         band_hz = most_driven(test.records[0], self.bands_hz)
         frf = compare_frfs(motion, band_hz).assign_attrs(self.marks(test))

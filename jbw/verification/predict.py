@@ -214,7 +214,7 @@ def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
     sources = {fitted_test.source for fitted_test in basis.seen.values()} - {""}
     if unit and sources and unit not in sources:
         raise DataError(
-            f"Test `{test.name}` has its source in {unit}, but the run's gain is per "
+            f"The source of test `{test.name}` has the unit {unit}, but the run's gain is per "
             f"{' or '.join(sorted(sources))}.",
             remedy="State `modal_mass` or `gain` in the campaign of the test.",
         )

@@ -89,7 +89,7 @@ class Basis:
     discrepancy: Discrepancy | None = None  # model discrepancy of the law; None if unknown
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
-        """Return each law's number of draws, with the basis for predictions by this law."""
+        """Return each law's number of draws and the inputs of the predictions with this law."""
         counts = [(round(share * num_draws), basis) for share, basis in self.beside]
         counts = [(count, basis) for count, basis in counts if count >= 2]
         num_first = num_draws - sum(count for count, _ in counts)
@@ -190,7 +190,7 @@ class Basis:
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
 
     def model_error(self, test: Test, missed: AtAmplitude) -> float:
-        """Return the law's relative error in a test's response, beyond that of omega_n and zeta."""
+        """Return a response's relative error due to the law, without errors of omega_n and zeta."""
         return 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind, missed)
 
     def scatters(self, test: Test) -> bool:
@@ -253,7 +253,7 @@ def scattered(key: Key[Array, ""], draws: Draws, scatter: ArrayLike) -> Draws:
 
 
 def laws_of_run(tree: xr.DataTree) -> Laws:
-    """Return a run's laws; if none are stored (before 0.1), the default law and any spring."""
+    """Return a run's laws; for runs before jbw 0.1, the default law and any cubic spring."""
     if "posterior" not in tree.children:
         raise DataError(
             "The result has no group /posterior, from which predictions are made.",
@@ -316,7 +316,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
 
 
 def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Dataset:
-    """Return the posterior of the free decays alone if it has the joint, else the given posterior.
+    """Return the decays' own posterior if it contains the joint, else the given posterior.
 
     Free decays are predicted with this posterior.
     """

@@ -48,7 +48,7 @@ class Reference(NamedTuple):
 def of_run(
     references: Mapping[str, Reference], run: str | None, drive: str = ""
 ) -> dict[str, tuple[dict[str, float], tuple[str, ...]]]:
-    """Return the parameters and laws of each reference model in one run; None means a new run.
+    """Return the parameters and laws of each reference model in a run; for `run=None`, a new run.
 
     Parameters of a drive with separate ones are returned under their plain names.
     """

@@ -38,8 +38,8 @@ from jbw.verification.reference_oscillators import Reference, of_run, references
 # If the law's error is this many times that of a simpler oscillator, the oscillator is the better
 # model.
 BETTER = 1.1
-# This factor is the root of 2. If both oscillators have equal errors, noise may explain all of the
-# error, and the band contains this noise twice.
+# If both oscillators have equal errors, noise may be the whole error. The band then contains the
+# noise twice, so that the limit of the check is the root of 2.
 NOISE_BESIDE = 2**0.5
 REACH = float(norm.ppf(QUANTILES[-1]))  # half width of a 99 % band, in standard deviations
 Groups = dict[str, xr.Dataset]
@@ -175,7 +175,8 @@ def _replaced(tests: Mapping[str, PredictedTest], laws: Sequence[str]) -> list[F
 
 
 def _coverage(tests: Mapping[str, PredictedTest], laws: Sequence[str]) -> list[Finding]:
-    # Harmonics and loops at another level may have other noise, so typical noise proves nothing.
+    # Harmonics and loops at another level may have other noise. Therefore their coverage is not
+    # checked if typical noise is assumed.
     shares = {
         name: test.coverage
         for name, test in tests.items()

@@ -46,7 +46,7 @@ Matrix = Float[np.ndarray, "p p"]
 
 
 class ReferenceReadings(NamedTuple):
-    """The number, mean and covariance (divided by `num` - 1) of reference values without change."""
+    """The number, mean and covariance (divided by `num` - 1) of values before any change."""
 
     num: int
     mean: Float[np.ndarray, "*batch p"]

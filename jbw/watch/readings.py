@@ -78,8 +78,8 @@ def common_amplitude(test: Test) -> float:
     amplitude = SPARE * WIDTH * lowest
     if SPARE * amplitude * WIDTH > highest:
         raise DataError(
-            f"The records of test `{test.name}` have no common amplitude: one ends at "
-            f"{lowest:.3g}, another begins at {highest:.3g}.",
+            f"The records of test `{test.name}` have no common amplitude: one record ends at "
+            f"{lowest:.3g}, another record begins at {highest:.3g}.",
             why="Frequency and damping can only be compared at the same amplitude.",
             remedy="Leave the weakest hit or the shortest record out with `exclude`, or record "
             "longer.",
@@ -128,7 +128,7 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
 
 
 def _table(record: Record, test: Test) -> ModeReading:
-    """Measure frequency and damping along a record, with a test's response and band."""
+    """Measure frequency and damping along a record, in the channel and band of a test."""
     response = test.records[0].response
     if response not in record.channels:
         raise DataError(

@@ -36,8 +36,8 @@ from jbw.watch.detection import (
 # values of x = ln(T'/T) at which densities are computed, up to four prior standard deviations
 PLACES = np.linspace(-4.0, 4.0, 8001)
 QUANTILES = (0.005, 0.5, 0.995)
-# If the part of a change that the best torque does not explain is less probable than this, no
-# torque explains the change.
+# No torque explains a change if, even for the best torque, the remaining change is less probable
+# than this.
 UNEXPLAINED = 0.01
 LEVEL = 0.99  # probability of intervals
 
@@ -77,7 +77,7 @@ class Change(NamedTuple):
     # relative change of the damping ratio, with its 99 % interval
     damping: tuple[float, float, float]
     direction: str
-    # the change of torque that would explain both changes, if a population is given
+    # change of torque that explains the changes of frequency and damping, if a population is given
     torque: TorqueChange | None = None
 
 

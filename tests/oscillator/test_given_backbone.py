@@ -76,8 +76,8 @@ def test_a_campaign_may_name_it_once_it_is_registered():
 @pytest.mark.parametrize(
     ("x", "force", "said"),
     [
-        ([0.0, 1.0], [0.0, 1.0], "3 points or more"),
-        ([0.0, 1.0, 2.0], [0.0, 1.0], "as many displacements"),
+        ([0.0, 1.0], [0.0, 1.0], "at least 3 displacements"),
+        ([0.0, 1.0, 2.0], [0.0, 1.0], "as many forces"),
         ([0.0, 1.0, 2.0], [0.0, np.nan, 1.5], "finite"),
         ([0.1, 1.0, 2.0], [0.0, 1.0, 1.5], r"begin at \(0, 0\)"),
         ([0.0, 2.0, 1.0], [0.0, 1.0, 1.5], "increasing"),

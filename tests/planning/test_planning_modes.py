@@ -73,5 +73,7 @@ def test_sweeps_of_either_mode_are_combined(plan):
 
 def test_tones_are_refused(tree):
     limits = parse(LIMITS + "[tones]\nlevels = [1.0]\n", of_run=True)
-    with pytest.raises(ConfigError, match=r"\[tones\]: tests of steady tones model only one mode"):
+    with pytest.raises(
+        ConfigError, match=r"\[tones\]: tests with steady tones can be planned only"
+    ):
         plan_tests(limits, tree)

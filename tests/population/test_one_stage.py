@@ -105,7 +105,7 @@ def test_units_that_it_cannot_take_are_named(units):
     with pytest.raises(ConfigError, match=r"must contain the 5 units.*but contains 4"):
         jbw.one_stage(studies[:4], population)
     saved = SimpleNamespace(identification=None, result=RunSummary(campaign="beam"))
-    with pytest.raises(DataError, match="The result of beam has no likelihood of its records"):
+    with pytest.raises(DataError, match="The result of beam contains no likelihood of its records"):
         jbw.one_stage([saved, *studies[1:]], population)
     more = population._replace(pooled=population.pooled._replace(powers=np.array([[1.0, 1.0]])))
     with pytest.raises(DataError, match="do not determine all of zeta"):

@@ -62,7 +62,7 @@ def test_too_many_sets_leave_the_joints_that_stick():
     sets, sentence = trials_at_joints(many, None)
     assert len(sets) == 6  # five usual ones, of which one is the campaign's, and one law for all
     assert sentence.endswith(
-        "No combination of laws was compared in which one joint has another law."
+        "No combination was compared in which the law of a single joint is changed."
     )
 
 

@@ -170,7 +170,7 @@ def test_a_sweep_far_from_the_mode_is_said_to_hardly_move_it():
 def test_a_source_in_another_unit_is_refused_unless_its_gain_is_stated():
     basis = basis_of(a_tree(same(SILENT), seen=[a_test(0.01)]))
     test = a_test(0.01, unit="N")
-    with pytest.raises(DataError, match=r"`sweep` has its source in N, but .* per V") as caught:
+    with pytest.raises(DataError, match=r"`sweep` has the unit N, but .* per V") as caught:
         predict(basis, test)
     assert "modal_mass" in caught.value.remedy
     assert predict(basis, test, Request(gain=GAIN)).attrs["nrmse"] < 1e-3

@@ -207,7 +207,7 @@ class BoucWenLaw(Law):
     def turn(
         self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
-        """Return Z after a step with a reversal or a zero of Z, and how these kinks change v and y.
+        """Return Z after a step with a reversal or a zero of Z, and both kinks' effects on v and y.
 
         The derivatives are coded by hand.
         """

@@ -91,7 +91,7 @@ class BoucWenNu(Law):
             {"nu_stiffness": 1, "nu_softening": 1},
         ),
         Monomial(
-            Quantity("nu_alpha_g", "α_ν g_ν", "1/s^2", "opening of the loop at 1 mm * stiffness"),
+            Quantity("nu_alpha_g", "α_ν g_ν", "1/s^2", "loop opening at 1 mm, times stiffness"),
             {"nu_stiffness": 1, "nu_opening": 1},
         ),
     )
@@ -221,7 +221,7 @@ class BoucWenNu(Law):
             spread = jnp.where(near, (square_1 - square) * over - m**2, (lost_1 - lost) ** 2 / 12.0)
             rest = jnp.where(m == 1.0, _TINY, 1.0 - m)
             iterate = w + dy * rest / (1.0 + spread / rest**2)
-            # m depends mostly on the slope's loss f at the end.
+            # Most of the change of m comes from f, the lost part of the slope, at the step's end.
             end = end + (iterate - end) / (1.0 + jnp.maximum((lost_1 - m) / rest, -0.5))
         return end
 
@@ -273,7 +273,7 @@ class BoucWenNu(Law):
     def missed(
         self, h: Scalar, start: tuple[Scalar, Scalar], end: tuple[Scalar, Scalar]
     ) -> tuple[Scalar, Scalar]:
-        r"""Return the changes of v and y by $r' = -\alpha h v f$ near w = 0, for w linear in time.
+        r"""Return the effects on v and y of $r' = -\alpha h v f$ near w = 0, for linear w(t).
 
         Far from w = 0 the result would be rounding and is set to zero.
         """

@@ -88,13 +88,13 @@ class BWBNPinching(Law):
         ),
         Quantity("bwbn_yield", "z_y", "m", "stretch at yield", 0.0, is_open=True),
         Quantity("bwbn_n", "n", "1", "exponent, sharpness of yield", 0.0, is_open=True),
-        Quantity("bwbn_beta", "β", "1", "dissipating part of the lost slope", 0.0),
+        Quantity("bwbn_beta", "β", "1", "part of the lost slope that dissipates", 0.0),
         Quantity("bwbn_zeta_s", "ζ_s", "1", "total slip, largest pinching", 0.0),
         Quantity("bwbn_p", "p", "1", "rate of pinching with energy", 0.0),
         Quantity("bwbn_q", "q", "1", "centre of pinching"),
         Quantity("bwbn_psi", "ψ", "1", "spread of pinching", 0.0, is_open=True),
-        Quantity("bwbn_delta_psi", "δ_ψ", "1", "growth of the spread with energy", 0.0),
-        Quantity("bwbn_lambda", "λ", "1", "spread at little pinching", 0.0, is_open=True),
+        Quantity("bwbn_delta_psi", "δ_ψ", "1", "growth of the pinching's spread with energy", 0.0),
+        Quantity("bwbn_lambda", "λ", "1", "initial spread of pinching, over ψ", 0.0, is_open=True),
     )
     degrades: ClassVar[bool] = True
 
@@ -111,7 +111,7 @@ class BWBNPinching(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Return prior bounds: yield within or slightly beyond the motion, any amount of pinching.
+        """Return prior bounds: z_y within or slightly beyond the motion, any amount of pinching.
 
         Where the stiffness is that of a secant, the fresh joint may be up to twice as stiff.
         """

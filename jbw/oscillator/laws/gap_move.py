@@ -18,7 +18,7 @@ _SERIES = 1e-3  # argument of log(1 + x) / x below which a series is used; its e
 
 
 class Moved(NamedTuple):
-    """A move in one direction: the internal state at its end, and where the force has kinks.
+    """A move in one direction: the internal state at its end, and the kinks of the force.
 
     Attributes:
         memory: Z and s at the end.

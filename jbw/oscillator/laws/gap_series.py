@@ -215,7 +215,7 @@ class GapSeries(Law):
         return second.memory, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact) -> Memory:
-        """Return the internal state after a small move: force Z by its tangent, or position s."""
+        """Return the state after a small move: Z along its tangent in contact, else the moved s."""
         z, s = memory
         contact, _ = branch
         moved = z + self._slope(z, branch) * dy

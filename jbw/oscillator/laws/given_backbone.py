@@ -25,8 +25,8 @@ from jbw.oscillator.parameters import Scalar
 from jbw.quantities import Quantity
 
 FEWEST_POINTS = 3
-# prior range of the factors on force and displacement, because a computed curve is right within a
-# factor of 5
+# Prior range of the factors on force and displacement: a computed curve is assumed to be correct
+# within a factor of 5.
 SCALE = (0.2, 5.0)
 _RISES = 1e-9  # relative rise of the curve's slope that counts as rounding
 
@@ -88,7 +88,7 @@ class GivenBackbone(Masing):
         return self.scale_force * self.scale_displacement * scaled_integral
 
     def _piece(self, x: Scalar) -> tuple[Float[Array, "4 ..."], Scalar, Scalar]:
-        """Return the polynomial at x, the distance from its knot, and the integral up to it."""
+        """Return the polynomial at x, the distance from its knot, and the integral to its knot."""
         way = jnp.asarray(x, float) / self.scale_displacement
         knots = jnp.asarray(self.knots)
         index = jnp.sum(stop_gradient(way)[..., None] >= knots[1:], -1)
@@ -153,8 +153,8 @@ def given_backbone(name: str, x: Sequence[float], force: Sequence[float]) -> typ
 def _require_curve(x: np.ndarray, force: np.ndarray) -> None:
     if x.ndim != 1 or x.shape != force.shape or len(x) < FEWEST_POINTS:
         raise ConfigError(
-            f"A virgin curve needs {FEWEST_POINTS} points or more, as many displacements as forces,"
-            f" but there are {x.shape} and {force.shape}."
+            f"A virgin curve must have at least {FEWEST_POINTS} displacements and as many forces, "
+            f"but the arrays have the shapes {x.shape} and {force.shape}."
         )
     if not (np.isfinite(x).all() and np.isfinite(force).all()):
         raise ConfigError(

@@ -56,7 +56,7 @@ class MasingPower(Masing):
         return 0.0 * self.power_loss
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the exponent of length to add to the unit of the loss, which is stated at 1 mm."""
+        """Return the exponent of length that the loss at 1 mm has in addition to its unit 1/s^2."""
         return {"power_loss": -self.power_exponent}
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
@@ -112,7 +112,7 @@ class Iwan4(Masing):
             "iwan_loss", "κ_I", "1/s^2", "secant stiffness lost to slip at 1 mm", 0.0, is_open=True
         ),
         Quantity("iwan_chi", "χ", "1", "exponent of the sliders' density", -1.0, is_open=True),
-        Quantity("iwan_beta", "β", "1", "stiffness of the last / of all other sliders", 0.0),
+        Quantity("iwan_beta", "β", "1", "stiffness of the last slider / that of all others", 0.0),
     )
 
     iwan_stiffness: Scalar
@@ -194,11 +194,11 @@ class Iwan4(Masing):
         return Corner(phi_max, -self.s, spread * (1.0 + self.iwan_chi) / phi_max)
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Return the exponent of length to add to the unit of the loss, which is stated at 1 mm."""
+        """Return the exponent of length that the loss at 1 mm has in addition to its unit 1/s^2."""
         return {"iwan_loss": -1.0 - self.iwan_chi}
 
     def thresholds(self) -> tuple[Threshold, ...]:
-        """Return the displacement of macroslip; below it only the loss and chi have an effect."""
+        """Return the displacement of macroslip; smaller motions depend only on the loss and chi."""
         return (Threshold("macroslip", self.phi_max, "K_T, F_S and beta"),)
 
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:

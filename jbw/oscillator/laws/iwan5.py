@@ -33,7 +33,7 @@ GRADING = 2  # Edges of the bins of slip limits are evenly spaced numbers to thi
 # Integration points of a loop are evenly spaced numbers to this power, which concentrates them near
 # 0.
 _GRADED = 3
-# Factor that keeps the argument of the arcsine below 1, where the angle has no derivative.
+# Factor that keeps the argument of the arcsine below 1, because the arcsine has no derivative at 1.
 _WITHIN = 1.0 - 1e-14
 
 

@@ -34,7 +34,7 @@ from jbw.report.messages import joint as messages
 # interchanged. The ratios together span the same range; a slider that never slips is a linear
 # spring.
 SLIP = (0.02, 2.0)
-SHARE = (0.002, 0.5)  # prior range of the part of the stiffness that all sliders have together
+SHARE = (0.002, 0.5)  # prior range of the sliders' total stiffness, relative to omega_n^2
 FORCED_SHARE = (0.01, MOST_SOFTENING)
 _NODES, _NODES_PER_HARMONIC = 24, 2
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")

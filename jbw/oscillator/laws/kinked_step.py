@@ -148,7 +148,7 @@ def _zero_impulse(
     zero: Moved,
     end_slopes: Slopes,
 ) -> tuple[KinkImpulse, tuple[Slopes, Slopes]]:
-    """Return how the zero of the force z changes v and y of a step, with derivatives.
+    """Return the changes of v and y in a step due to a zero of the force z, with derivatives.
 
     `forces` is z at the start and at the end, and `zero` the move from the start to its zero.
     """

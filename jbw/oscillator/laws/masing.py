@@ -220,7 +220,7 @@ class Masing(Law):
         return memory._replace(force=memory.force + (self.stiffness() + memory.slope) * dy)
 
     def _kinks(self, y: Scalar, path: StepPath, first: _Move):
-        """Yield changes of v and y before a reversal: by loop closure and the virgin kink."""
+        """Yield the effects of loop closure and of the virgin kink on v and y before a reversal."""
         after, closing = first.end, jnp.asarray(first.popped > 0.5)
 
         def closure():

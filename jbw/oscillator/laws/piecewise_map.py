@@ -1,4 +1,4 @@
-r"""Exact monotone moves of the Bouc-Wen force for nu = 1, fast enough for a time step.
+r"""The exact Bouc-Wen force after a move in one direction, for nu = 1, fast enough for each step.
 
 On one branch $dz/dy = \alpha - c z$ with
 $c = \gamma\,\mathrm{sgn}\,\dot y + \delta\,\mathrm{sgn}\,z$, so a signed move dy gives
@@ -32,7 +32,8 @@ def _expm1_ratio(x: np.ndarray) -> np.ndarray:
     return np.where(x == 0.0, 1.0, -np.expm1(-x) / np.where(x == 0.0, 1.0, x))
 
 
-# P on [-1, 1] with an error of 3e-15: more would shift the stiffness and accumulate in phase.
+# P on [-1, 1] with an error of 3e-15. A larger error would shift the stiffness, and the phase error
+# would grow along a record.
 _P = _interpolated(_expm1_ratio, 1.0, 12, -1.0)
 # Derivative of P on the same interval, for gradients only, with an error of 1e-11.
 _P_SLOPE = _interpolated(lambda x: (np.expm1(-x) + x * np.exp(-x)) / x**2, 1.0, 9, -1.0)
@@ -67,7 +68,7 @@ def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
 
 
 def segment(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Scalar]:
-    r"""Return the force z after a move dy along one branch, for $|c\,dy| \le 4$, and $\phi$.
+    r"""Return z_1 and $\phi$: the force z_1 after a move dy along one branch, for $|c\,dy| \le 4$.
 
     $$z_1 = z + (\alpha - c z)\,\phi, \quad \phi = dy\,P(c\,dy), \qquad
       \partial_{dy} z_1 = \alpha - c z_1, \quad \partial_z z_1 = 1 - c\phi, \quad
@@ -124,8 +125,8 @@ Pair = tuple[Scalar, Scalar]
 Meets = Bool[Array, "..."]
 
 
-# A result of two moves, and its derivatives with respect to delta, gamma, the initial force z and
-# the two moves; that for alpha follows from proportionality.
+# The result of two successive moves, and its derivatives with respect to delta, gamma, the initial
+# force z and the two moves. The derivative with respect to alpha follows from proportionality.
 Moved = tuple[Scalar, tuple[Scalar, Scalar, Scalar, Scalar, Scalar]]
 
 

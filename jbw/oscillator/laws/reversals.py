@@ -20,7 +20,7 @@ from jbw.oscillator.kinks import barrier
 from jbw.oscillator.parameters import Scalar
 
 SIZE = 10  # default number of load reversals that are remembered
-# Displacements that differ by less than this relative rounding close a loop.
+# A loop counts as closed this far before its closing displacement, relative to the displacements.
 _ROUNDING = 1e-14
 
 # Entries of a stack: a tuple of scalars, or in a time loop one array, which is faster to copy.

@@ -24,7 +24,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(48)
 UNIT_RULE = 0.5 * (_NODES + 1.0), 0.5 * _WEIGHTS
 _UNIT, _UNIT_WEIGHTS = UNIT_RULE
 _HALVINGS = 60  # number of bisections in the search for the spring's stretch
-# Largest stretch in a search, relative to the length of the move, for a spring that hardens.
+# The stretch of a hardening spring is searched up to this multiple of the length of the move.
 _FAR = 16.0
 # Above this fraction of the limit, the pole of the integrand is integrated analytically.
 _POLE = 0.5
@@ -205,8 +205,8 @@ def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
         return _lag(c, -scale * jnp.expm1(-end), nu, 1, _gap(end, c, nu, most))
 
     zero = peak - way(less, end)
-    # The substitution q_m sin t removes the root at the end; t is concentrated near w = 0, where y
-    # has a fractional power.
+    # The substitution q = q_m sin t removes the square-root singularity at the end. The points t
+    # are dense near w = 0, because y has a fractional power there.
     t, weights = 0.5 * jnp.pi * _UNIT**3, 1.5 * jnp.pi * _UNIT**2 * _UNIT_WEIGHTS
     reach = jnp.minimum(end, _DEEP)
     q = reach * jnp.sin(t)

@@ -154,7 +154,8 @@ def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
         raise ConfigError(
             f"Mode {mode} of the `Structure` must have `h` and `p` other than 0 to have a "
             f"backbone, but has h = {float(h):g} and p = {float(p):g}.",
-            why="The mode does not act on the joint.",
+            why="The joint does not move in this mode (h = 0), or its force does not act on "
+            "the mode (p = 0).",
         )
 
 
@@ -288,7 +289,7 @@ def _units(options: BackboneOptions, mode: Mode, structure: Structure) -> Units:
 
 
 class BackboneMotion(NamedTuple):
-    """The motion at a point of the backbone, in units of amplitude and joints' displacements.
+    """The motion at a point of the backbone, divided by the amplitude and by `Units`.
 
     `residual_1` is the first harmonic of the mode's own balance, multiplied by d of the mode.
     """
@@ -340,7 +341,7 @@ def _imbalance(
 def _backbone_point(
     options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Array
 ) -> tuple[ModalBackbone, Array]:
-    r"""Return one point of the backbone, and the turning points of the joint that turns most often.
+    r"""Return a point of the backbone, and the largest number of turning points of any joint.
 
     The loss of a joint per cycle is $\pi \sum_n n\,\mathrm{Im}(r_n \bar X_n)$.
     """

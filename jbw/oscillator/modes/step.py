@@ -152,7 +152,7 @@ class Begun(NamedTuple):
 
     @property
     def branches(self) -> tuple[Any, ...]:
-        """The constants of the joint's laws until their next kink, at the start of the step."""
+        """The laws' constants at the start of the step, which are valid until the next kink."""
         pairs = zip(self.kernel.laws, self.memory, strict=True)
         return tuple(law.branch(self.v, law_memory) for law, law_memory in pairs)
 
@@ -237,7 +237,7 @@ class ModalStepping(eqx.Module):
 def modal_stepping(
     structure: Structure, rate: Scalar, gain: Scalar, pieces: tuple[Any, ...]
 ) -> ModalStepping:
-    """Return the time steps of a structure with an axis of joints, `rate` of them per second.
+    """Return the constants of time steps, `rate` per second, of a structure with several joints.
 
     The input is the gain times polynomials with the coefficients `pieces`, one row per power.
     """
@@ -353,7 +353,7 @@ def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
 
 
 def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
-    """Return the changes of all joints' x and v by second derivatives of other joints' forces."""
+    """Return the changes of each joint's x and v due to other joints' second force derivatives."""
     return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
 
 
@@ -402,7 +402,7 @@ def pass_where_met(
 
 
 def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passed, End]:
-    """Advance a joint along its path; treat kinks in every step, for derivatives of all steps.
+    """Advance a joint along its path; treat kinks in every step, so that it is differentiable.
 
     `bends` are the effects of h^2 r''/2 of the other joints on this joint's x and v.
     """

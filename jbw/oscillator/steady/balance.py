@@ -209,7 +209,7 @@ def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
 
 
 def most_turns(q: Complex[Array, "*joint harmonic"]) -> Int[Array, ""]:
-    """Return the number of turning points per period of the joint that turns most often."""
+    """Return the largest number of turning points per period of any joint."""
     return num_turns(q) if q.ndim == 1 else jnp.max(jax.vmap(num_turns)(q))
 
 

@@ -1,4 +1,4 @@
-"""The texts of the brief, the one page for those who decide."""
+"""The texts of the brief, a summary on one page for decision makers."""
 
 USE = {
     "ok": "The numbers on this page can be used.",

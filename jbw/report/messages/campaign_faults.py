@@ -143,7 +143,7 @@ def broken_periods(samples: int, periods: int) -> FaultText:
     return FaultText(
         f"The record's {samples} samples are not {periods} whole periods.",
         "Averages over periods need whole periods: otherwise the phase shifts along the record.",
-        "Correct periods, or cut the record to whole periods with span.",
+        "Correct `periods`, or use `span` to cut the record to whole periods.",
     )
 
 
@@ -181,7 +181,7 @@ def read_by_kinds(kinds: str) -> str:
 
 
 def no_test_of_kind(kind: str) -> str:
-    """Return the reason why a setting has no effect: no test is of a kind."""
+    """Return the reason why a setting has no effect: no test of the required kind exists."""
     return f"no test of the campaign is of kind {kind}"
 
 

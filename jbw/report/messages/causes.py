@@ -1,4 +1,4 @@
-"""The messages on possible causes of a fit's residual, and causes that records do not show."""
+"""The messages on causes of a fit's residual, with the causes that only a fit can detect."""
 
 from collections.abc import Sequence
 
@@ -29,7 +29,7 @@ def natural_frequencies(scatter: float) -> FaultText:
     return FaultText(
         "Natural frequency and damping differ between the tests (standard deviation of the natural "
         f"frequency {percent(scatter, '.2f')}).",
-        "One joint with one law has one natural frequency at rest.",
+        "With one joint and one law, the natural frequency at rest is the same in all tests.",
         "If all tests were made on one assembly, the law is wrong: compare laws by `jbw laws`. "
         "Otherwise name the run of every test, and measure a noise record in each run. "
         f"{put('[test]', 'run', 'day 1')}",

@@ -20,7 +20,7 @@ def parameter_explained(quantity: Quantity, laws: Sequence[str]) -> str:
 
 
 def law_explained(summary: str, parameters: Sequence[str], law: str) -> str:
-    """Return the meaning of a law of the joint, its parameters, and how a campaign states it."""
+    """Return the meaning of a law, its parameters, and the campaign line that selects the law."""
     return (
         f"{summary}\nParameters: {', '.join(parameters)}.\n"
         f'In a campaign: [joint] laws = ["{law}"]. To compare laws: jbw laws.'
@@ -130,5 +130,5 @@ def condition_number(value: str) -> str:
 
 
 def two_numbers(value: str) -> str:
-    """Return the message that an option is no range of two frequencies."""
+    """Return the message that the value of an option must be two frequencies."""
     return f"{value} must be two numbers in Hz with a colon, as in 10:25."

@@ -17,9 +17,10 @@ MESSAGES = (
         are drawn from one Gaussian for each standard deviation that they may have.
 
         Where the data identify every parameter, these intervals are close to those of the
-        posterior. Where parameters trade off or lie near a threshold, the posterior is curved. The
-        likelihood two standard deviations from the optimum, along each principal axis, shows that.
-        A few thousand points that are weighted by the likelihood then replace the Gaussian.
+        posterior. Where parameters trade off or lie near a threshold, the posterior is curved. To
+        detect this, the likelihood is computed two standard deviations from the optimum along each
+        principal axis. If the posterior is curved, a few thousand points that are weighted by the
+        likelihood replace the Gaussian.
 
         Remedy: `jbw resume DIR`, or the same command without --quick, samples the posterior.
         """,
@@ -238,8 +239,8 @@ MESSAGES = (
         """
         Check: trajectories of NUTS that reached the maximum tree depth; at most 5 %.
 
-        Remedy: start from the fit with its covariance, which jbw does by itself; else raise
-        `num_warmup`.
+        Remedy: raise `num_warmup`. If you sample with your own program, start from the fit and
+        its covariance, as jbw does.
         """,
         remedy="Lengthen the warm-up. Put under [identify]: `num_warmup = {num_warmup}`.",
     ),

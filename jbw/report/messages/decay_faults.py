@@ -83,7 +83,7 @@ def unpassed(low_hz: float, high_hz: float, hz: float) -> FaultText:
     return FaultText(
         f"The sweep from {low_hz:.4g} to {high_hz:.4g} Hz does not pass the resonance near "
         f"{hz:.4g} Hz.",
-        "Frequency and damping would be extrapolated from motion away from the resonance.",
+        "A fit extrapolates frequency and damping from the motion away from the resonance.",
         "Measure a sweep that passes the resonance.",
     )
 

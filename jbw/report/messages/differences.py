@@ -44,8 +44,8 @@ def joints_may_be_same(joints: Mapping[str, float]) -> str:
 def factors_apart(names: Sequence[str]) -> str:
     """Return the sentence on how two runs are compared if the joints' motion was uncertain."""
     return (
-        "Joints are compared by the parameters of their laws together; the factors on the "
-        f"motion of joints ({listed(names)}) are compared one by one between the runs."
+        "All parameters of a joint's law are compared at once; the factors on the motion of joints "
+        f"({listed(names)}) are compared one by one between the runs."
     )
 
 

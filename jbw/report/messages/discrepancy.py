@@ -89,7 +89,7 @@ def missed(
     parts = [f"{percent(frequency)} of the natural frequency"] if frequency else []
     parts += [f"{percent(damping)} of critical damping"] if damping else []
     parts += (
-        [f"{percent(rest)} of the response that frequency and damping do not explain"]
+        [f"{percent(rest)} of the response (without errors due to frequency and damping)"]
         if rest
         else []
     )

@@ -35,7 +35,7 @@ def several_folders(folders: Sequence[str]) -> tuple[str, str, str]:
     """Return the message that the named records must lie in one folder, and its remedy."""
     return (
         f"Records that are named together must lie in one folder, but lie in {', '.join(folders)}.",
-        "A campaign file names the records of its own folder.",
+        "A campaign file can only name records in the folder of the campaign file.",
         "Copy the records into one folder, or name the records of one folder at a time.",
     )
 
@@ -218,7 +218,7 @@ def doubtful(doubt: str) -> str:
 
 def one_of_axes(role: str, channels: str) -> str:
     """Return the note that one of several axes or curves must be chosen."""
-    return f"{role} may be any of {channels}: choose one, or make a test of each."
+    return f"{role} may be any of {channels}: choose one channel, or make a separate test of each."
 
 
 def check_axes(role: str, channels: str) -> str:

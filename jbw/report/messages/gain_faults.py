@@ -33,7 +33,7 @@ def other_size(ratio: float) -> FaultText:
         "gain or modal mass predicts from the input.",
         "A factor of 1000 suggests metre for millimetre, 9.81 suggests g for m/s^2, and 4.45 "
         "suggests lbf for N.",
-        "Check both units, and gain or modal_mass.",
+        "Check the units of input and response, and `gain` or `modal_mass`.",
     )
 
 
@@ -66,7 +66,7 @@ def other_gain(ratio: float, scale: float, source: str, unit: str, test: str = "
 
 
 def _compared(test: str) -> tuple[str, str, str]:
-    """Return the place of a deviating gain, what it is compared with, and a remedy for a repeat."""
+    """Return the place of a deviating gain, the compared tests, and a remedy for a repeat."""
     if test:
         return f" in {test}", "the other tests", ""
     return "", "most repeats", "Give this record a separate [[test]]. "

@@ -31,7 +31,7 @@ def grade(kind: str, parameters: Sequence[str]) -> str:
 
 
 def with_error(name: str, value: float, sd: float, ratio: float) -> str:
-    """Return a parameter with its coefficient of variation, or above 1 with value and error."""
+    """Return a parameter with its relative error, or with value and error if this exceeds 1."""
     return f"{name} ({percent(ratio) if ratio < 1 else f'{value:.2g} +- {sd:.2g}'})"
 
 
@@ -146,7 +146,7 @@ COLUMNS: Mapping[str, str] = {
     "direction_ratio": "posterior standard deviation / that of the prior, from the fit",
     "loadings": "share of each parameter in the combination, in prior standard deviations",
     "cost": "lowest cost that the fit reached from a start",
-    "relative": "standard deviation over value, from the fit",
+    "relative": "standard deviation / value, from the fit",
     "ratio": "posterior standard deviation / that of the prior, from the fit",
     "contraction": (
         "1 minus posterior variance / prior variance, in logarithms of positive parameters"

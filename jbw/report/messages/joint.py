@@ -31,12 +31,12 @@ def no_bounds(names: Sequence[str]) -> str:
     return f"`prior` must bound every parameter of `table`, but has no {', '.join(names)}."
 
 
-# what a method of an externally defined law must be, for the sentence of `law_disagrees`
+# required properties of the methods of an externally defined law, as text for `law_disagrees`
 A_SCALAR = "a scalar, which is an array without axes"
 FINITE = "finite"
 SMOOTH_AT_REST = "differentiable at rest, with finite slopes"
 PROPORTIONAL = "proportional to the velocity"
-INTEGRAL_OF_RATE = "the integral of `rate`, so that both lead to the same force [N/kg]"
+INTEGRAL_OF_RATE = "the integral of `rate`, which is compared by the force after a motion [N/kg]"
 SLOPE_AT_REST = "the slope of `force` at rest"
 DIFFERENCE_OF_RECORDS = "differentiable, with the derivative that finite differences give"
 ODD = "odd in the motion, unless `check_periodic` refuses the law"

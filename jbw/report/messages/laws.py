@@ -56,7 +56,7 @@ def tried_at_joints(
             "stuck. Combinations in which one joint has another law were not compared, because "
             f"there are more than {most}."
         ],
-        NEITHER: ["No combination of laws was compared in which one joint has another law."],
+        NEITHER: ["No combination was compared in which the law of a single joint is changed."],
     }[which]
     return " ".join(sentences)
 
@@ -237,7 +237,7 @@ def error_of_fit(error: float) -> str:
 
 
 ANSWERS = {"best": "preferred", "worse": "significantly worse", "not told apart": "equivalent"}
-"""The words on the page of a comparison for each possible answer on a law."""
+"""The words that the page of a comparison prints for each possible rating of a law."""
 
 
 BACKBONES = (

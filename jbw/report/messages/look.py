@@ -35,7 +35,7 @@ def secant(first: float, last: float, change: float, unit: str = "mm") -> str:
 
 
 def worn(test: str, cycle: int, change: float) -> str:
-    """Return the sentence on the cycle whose stiffness differs most from the first equal cycle."""
+    """Return the sentence on the cycle whose stiffness differs most from the first cycle's."""
     direction = "lower" if change < 0 else "higher"
     return (
         f"{test}: the secant stiffness of cycle {cycle} is {percent(abs(change))} {direction} "
@@ -109,7 +109,7 @@ def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
     causes = {
         "order": "The difference grows from record to record: the joint relaxes, wears or warms "
         "up.",
-        "runs": "The difference lies between the stated runs or assemblies.",
+        "runs": "The records of one run or assembly agree; the stated runs or assemblies differ.",
         "": "The day, the torque, the temperature, or the mass or place of the sensor may differ "
         "between the records.",
     }
@@ -157,8 +157,8 @@ def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str
         for name, a, b in rows
     )
     return (
-        f"Standard deviations between records in {count} sessions or assemblies, whatever their "
-        f"amplitude: {'; '.join(parts)}."
+        f"Standard deviations between records of any amplitude, in {count} sessions or assemblies: "
+        f"{'; '.join(parts)}."
     )
 
 
@@ -193,7 +193,7 @@ def harmonic(order: str, share: float, hz: float) -> str:
 
 
 def harmonics(listed: Sequence[str], residual: float) -> str:
-    """Return the sentence on a sweep's harmonics, relative to the largest response, and noise."""
+    """Return the sentence on a sweep's harmonics and residual, relative to the response."""
     if not listed:
         return (
             f"no harmonic exceeds the residual of the fit, {of_response(residual)} of the response."
@@ -215,11 +215,11 @@ def distortion(noise: float, nonlinear_share: float, num_realisations: int) -> s
 
 def noise_of_periods(noise: float, num_periods: int) -> str:
     """Return the sentence on noise, estimated from the variation between periods."""
-    return f"noise is {of_response(noise)} of the response's mean over {num_periods} periods."
+    return f"noise of the mean over {num_periods} periods is {of_response(noise)} of the response."
 
 
 def idle_lines(shares: Sequence[tuple[str, float]], noise: float) -> str:
-    """Return the sentence on the response at even and odd lines without excitation, and noise."""
+    """Return the sentence on response and noise at even and odd lines without excitation."""
     listed = ", ".join(f"{name} lines {of_response(share)}" for name, share in shares)
     return (
         f"response at lines without excitation, relative to excited lines: {listed}; noise "

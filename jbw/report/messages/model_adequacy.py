@@ -31,7 +31,7 @@ def grade(
     one = count == 1
     tests = "the held-out test" if one else f"{count} held-out tests"
     most = "" if one else f" (at most {percent(worst)})"
-    text = f"The law {GRADES[status]}: its RMS error on {tests} is {percent(error)} of the rms"
+    text = f"The law {GRADES[status]}: its RMS error on {tests} is {percent(error)} of the response"
     text += most + TO[to]
     if linear == linear:
         text += f"; the error of the best linear oscillator is {percent(linear)}"
@@ -161,10 +161,10 @@ MESSAGES = (
         a constant offset, clipped values, the response of modes outside the band, one more mode
         in the band, a separate natural frequency for each test.
 
-        A cause that would explain more than half of the residual becomes this finding, with its
-        size; causes that would explain a tenth or more are listed among the statements of the
-        posterior. The check shows what *would* explain the residual: a law that does not suit
-        the joint may look like tests whose natural frequencies differ.
+        A cause that would explain more than half of the residual is reported as this finding, with
+        the size of the cause. Causes that would explain a tenth or more are listed among the
+        statements of the posterior. The check shows what *would* explain the residual: a law that
+        does not suit the joint may look like tests whose natural frequencies differ.
 
         Remedy: do what the finding says, and identify again.
         """,
@@ -186,8 +186,8 @@ MESSAGES = (
         residual without offsets. If levels were measured in rising order while the structure
         warmed up, measure them once in another order.
         """,
-        remedy="Change the law: its dependence on amplitude is wrong; offsets of sessions alone "
-        "would vary at random. {another_law}",
+        remedy="Change the law: the law's dependence on amplitude is wrong. (Offsets that only the "
+        "sessions cause would vary at random.) {another_law}",
         passed=f"{OFFSETS} does not depend {TREND}",
     ),
     Message(
@@ -267,7 +267,7 @@ MESSAGES = (
 
         Remedy: fit fewer levels, add `cubic`, or check whether the data show hysteresis at all.
         """,
-        remedy="Fit fewer levels by `fit_levels`: the joint's law does not describe this test. "
+        remedy="Use `fit_levels` to fit fewer levels: the joint's law does not describe this test. "
         "{another_law}",
     ),
     Message(
@@ -282,11 +282,11 @@ MESSAGES = (
         A law that is not quite right has another stiffness or damping than the joint at some
         amplitudes. Bands of tests that were not fitted include this error of the law: Within the
         fitted amplitudes this error is as large as the omitted runs show. Above them it grows with
-        the square of the amplitude and with the distance in its logarithm; below them it grows to
-        three times as much at most. Where the errors do not exceed noise, the bands contain the
-        uncertainty of the parameters and the noise alone. An error below 0.1 % of the response at
-        resonance is in the bands and does not count against the law: sensors are not more linear
-        than that.
+        the square of the amplitude and with the distance in its logarithm; below them it grows at
+        most by a factor of three. Where the errors do not exceed noise, the bands contain the
+        uncertainty of the parameters and the noise alone. The bands include an error below 0.1 % of
+        the response at resonance, but such an error does not fail the law, because sensors are not
+        more linear.
 
         Remedy: compare laws by `jbw laws`; fit the levels that you want to predict.
         """,
@@ -317,8 +317,8 @@ MESSAGES = (
 
         The bands of held-out tests then include a model discrepancy: the error of the law in
         frequency and damping at each amplitude. If the discrepancy is as large as the error of a
-        linear oscillator, the law says nothing about the joint, however many values the bands
-        contain.
+        linear oscillator, the law does not describe the joint, even if the bands contain all
+        values.
 
         Remedy: do not predict tests of this kind and level with this law, and try other laws:
         jbw laws.

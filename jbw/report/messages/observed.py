@@ -6,7 +6,7 @@ COMPILING = "compile the simulation of sweeps"
 
 
 def with_shaker(drive: str, loaded: str, predicted: str, unloaded: str) -> str:
-    """Return the sentence on frequency and damping with a shaker, and as predicted without."""
+    """Return the sentence on frequency and damping with the shaker and without the shaker."""
     return (
         f"With the shaker, driven by {drive}, the mode has {loaded}; the properties of the shaker "
         f"predict {predicted}. Without the shaker it has {unloaded}."
@@ -38,7 +38,7 @@ def left_of_motion(errors: str) -> str:
 
 
 def moves_joint(mode: int, hz: float, h: float, p: float) -> str:
-    """Return the sentence on a mode's joint motion h and share p of its force, at the optimum."""
+    """Return the sentence on the joint's motion h in a mode and its force p on the mode."""
     return (
         f"At the optimum, mode {mode} ({hz:.4g} Hz) moves the joint h = {h:.3g} times as much as "
         f"the first mode does, and the joint's force acts p = {p:.3g} times as strongly on mode "

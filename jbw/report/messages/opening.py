@@ -174,7 +174,7 @@ def of_unknown_mass(stiffness: str, interval: str, *, is_rotation: bool) -> str:
 
 
 def no_change(what: str, interval: str) -> str:
-    """Return the clause that a quantity does not change beyond its interval."""
+    """Return the clause that the change of a quantity is smaller than its uncertainty."""
     return f"changes the {what} by less than its uncertainty ({interval})"
 
 

@@ -72,7 +72,7 @@ def with_median(worst: float, median: float) -> str:
 
 def before(cvs: Mapping[str, str]) -> str:
     """Return the sentence on the coefficients of variation without any of the planned tests."""
-    return f"CV before these tests, which 90 % of joints do not exceed: {_pairs(cvs)}."
+    return f"CV before these tests (90 % of the joints lie below): {_pairs(cvs)}."
 
 
 def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
@@ -84,7 +84,7 @@ def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
 
 
 def most_per_second(test: str, level: float, unit: str) -> str:
-    """Return the sentence on the most informative test per second, although no test is needed."""
+    """Return the sentence on the test with the largest information gain per second."""
     return f"Largest information gain per second: {test}, {level:g} {unit}."
 
 
@@ -130,7 +130,7 @@ def fleet_title(scatter: float) -> str:
 
 def told_by_run(key: str) -> str:
     """Return the message that a key must be removed, because the run already states its value."""
-    return f"{key}: remove it, because the run states it."
+    return f"{key}: remove this key, because the run states its value."
 
 
 def single_value(key: str, value: Sequence[float]) -> str:

@@ -1,4 +1,4 @@
-"""The three questions of a verdict."""
+"""The questions that a verdict answers: on convergence, on the law, and on the parameters."""
 
 QUESTIONS = {
     "sampling": "Did the computation converge?",

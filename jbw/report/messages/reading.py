@@ -87,7 +87,7 @@ def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultTex
     listed = ", ".join(f"{x:.15g}" for x in first)
     return FaultText(
         f"Column `{name}` contains whole numbers without a unit: {listed}, ...",
-        "The numbers may be counts of samples, or times in a small unit; the sampling rate "
+        "The whole numbers may be counts of samples, or times in a small unit; the sampling rate "
         "depends on the unit.",
         f"{unit}; {count}.",
     )
@@ -240,7 +240,7 @@ def one_header(packets: int) -> str:
 
 def rounded_rate(error: float) -> str:
     """Return the clause on the error of a sampling frequency computed from printed digits."""
-    return f"the printed digits leave a relative error of {error:.1e} in the sampling frequency"
+    return f"the printed digits cause a relative error of {error:.1e} in the sampling frequency"
 
 
 def resampled_to(fs: float) -> str:
@@ -258,6 +258,6 @@ def none_decays(name: str) -> tuple[str, str, str]:
     return (
         f"Test `{name}` must decay in its `band`, but no part of its records is a decay of one "
         "mode in this band.",
-        "Every part of the records grows, or is not the decay of one mode.",
+        "In every part of the records, the motion grows or is not the decay of a single mode.",
         "Correct `band`, or let `settle` begin after the blow.",
     )

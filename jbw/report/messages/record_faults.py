@@ -85,8 +85,8 @@ def held(each: int, fs: float, lag_s: float | None) -> FaultText:
     line = "" if lag_s is None else f", or put under [[test]]: `delay = {lag_s:.4g}`"
     return FaultText(
         f"Each value is repeated for {each} samples: the channel was recorded at {fs:.6g} Hz.",
-        "This channel lags channels that were recorded at the stated rate by "
-        f"{_samples((each - 1) / 2)}.",
+        f"This channel lags by {_samples((each - 1) / 2)} behind channels that were recorded at "
+        "the stated rate.",
         f"Export all channels at {fs:.6g} Hz{line}.",
     )
 

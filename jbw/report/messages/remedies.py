@@ -14,7 +14,7 @@ SPAN = re.compile(r"`span = \[([^,\]]+), ([^\]]+)\]`")
 EXCLUDE = re.compile(r"`exclude = (\[[^`]*\])`")
 ONLY_LEFT_OUT = re.compile(rf"{re.escape(PUT)} `exclude = [^`]*`\.")
 OR_LEFT_OUT = re.compile(r",? or leave the records? out: `exclude = [^`]*`")
-# table with one role: its factor or unit
+# pattern of a table with one key, a role, whose value is a factor or a unit
 OF_ONE_ROLE = re.compile(r'(scale|units) = \{ (\w+) = (-?[\d.]+|"[^"]+") \}')
 
 
@@ -49,7 +49,7 @@ def put(table: str, key: str, value: Any) -> str:
 
 
 def beside_other_laws(line: str) -> str:
-    """Return the remedy of another law: the line to paste, and how to compare laws."""
+    """Return the remedy to try another law: the line to paste, and the comparing command."""
     return f"{line} To compare this and other laws, such as a gap between contacts: jbw laws."
 
 

@@ -28,7 +28,7 @@ def across_kinds(
     *,
     own_frequency: bool,
 ) -> str:
-    """Return the sentence on each kind of test: errors, and what only that kind identifies."""
+    """Return the sentence on each kind of test: errors, and parameters that need this kind."""
     rows = "; ".join(
         f"{kind} {percent(error)} ({percent(fitted)} when fitted)"
         for kind, (error, fitted) in errors.items()
@@ -53,7 +53,7 @@ def identified_by(needed: Mapping[str, Sequence[str]]) -> str:
 def each_session(
     proviso: str, errors: Sequence[str], identified: Mapping[str, Sequence[str]]
 ) -> str:
-    """Return the sentence on each session: errors, and what only that session identifies."""
+    """Return the sentence on each session: errors, and parameters that need this session."""
     return (
         f"RMS error of each session, predicted from the other sessions{proviso}: "
         f"{', '.join(errors)}."

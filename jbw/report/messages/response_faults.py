@@ -107,7 +107,7 @@ def already_moving(share: float) -> FaultText:
     return FaultText(
         f"The motion at the start of the record is {percent(share, '.0f')} of the usual motion, "
         "but the model of this kind of test starts from rest.",
-        "The effect of the earlier motion would be taken for an error of the law.",
+        "A fit from rest attributes the effect of the earlier motion to an error of the law.",
         "Set `settle` to the time in which free motion dies out, about 6 / (zeta omega_n), or "
         "let `span` begin where the structure is at rest.",
     )

@@ -70,7 +70,7 @@ def design(step: int) -> str:
 
 
 def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
-    """Return the progress message on scoring a law, perhaps by predicting each session."""
+    """Return the progress message on scoring a law, with the number of sessions and the method."""
     if num_sessions == 1:
         return f"{law}: one session, judged by its {'fit' if by_fit else 'evidence'}"
     method = " by fits alone" if by_fit else ", and the evidence"

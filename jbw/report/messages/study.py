@@ -130,7 +130,7 @@ def mode_beside_matrices(mode: int, hz: float, model_hz: float, damping: float) 
 
 
 def motion_beside_matrices(what: str, factor: float) -> str:
-    """Return the comment on a joint's motion factor, which these matrices do not contain."""
+    """Return the comment on a joint's motion factor, which the exported matrices lack."""
     return (
         f"{capital(what)} is {factor:.4g}. A model with these matrices does not include this "
         "factor."
@@ -215,7 +215,7 @@ def no_logarithm(name: str, units: Sequence[str]) -> str:
 def unfinished(folder: str) -> str:
     """Return the message on an unfinished run that a fleet omits."""
     return (
-        f"{folder} is left out of the fleet, because the run is not finished. Continue it: "
+        f"{folder} is left out of the fleet, because the run is not finished. Continue the run: "
         f"jbw resume {folder}"
     )
 
@@ -223,7 +223,7 @@ def unfinished(folder: str) -> str:
 def further_units(torque: float | None, *, of_units: bool) -> str:
     """Return the message on the units that a prediction concerns, and the gain used."""
     at = "" if torque is None else f" at {torque:.3g} N m"
-    gain = "the gains of the measured units" if of_units else "the gain stated in the campaign"
+    gain = "the gains of the fleet's units" if of_units else "the gain stated in the campaign"
     return f"New units{at}, with {gain}"
 
 

@@ -38,12 +38,12 @@ PROFILE_INTERVAL = "99 % interval\nof the profile"
 
 SPECTRUM = "Information spectrum: combinations of parameters, best determined first"
 COHERENCE = "lowest coherence of a test at the resonance"
-COHERENCE_NOTE = "near 1 if the records are long enough for the damping and free of noise"
+COHERENCE_NOTE = "a coherence near 1 needs records without noise that last longer than the decay"
 VARIATION_NOTE = (
     "variation between repeats; compare it with the standard deviations in the table of parameters"
 )
 HARMONIC = "largest third harmonic of the source"
-HARMONIC_NOTE = "as a fraction of Y(3ω); removed by means of the measured input"
+HARMONIC_NOTE = "as a fraction of Y(3ω); the measured input is used to remove this harmonic"
 
 
 def rests_on(parameters: Sequence[str]) -> str:

@@ -95,7 +95,7 @@ CAPTION = (
     "Frequency and damping at one amplitude, and the band that contains 99 % of new records of an "
     "unchanged joint. A square marks an alarm."
 )
-BAND = "band with 99 % of records of an unchanged joint"
+BAND = "band that contains 99 % of records of an unchanged joint"
 CARRIED = "A run that is updated by new records"
 
 

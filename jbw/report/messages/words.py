@@ -26,12 +26,12 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("posterior", "draws"): (
         "The probability of the parameters given the data, as a set of draws. A column `draws` "
-        "counts them."
+        "states the number of draws."
     ),
     ("prior", "prior bounds", "box"): (
         "The probability density of a parameter before the data are used. By default it is uniform "
         "between two bounds; the bounds of all parameters form a box. State other priors under "
-        "`[identify.prior]`. The prior truncates a parameter at a bound: the data allow values "
+        "`[identify.prior]`. If the prior truncates a parameter at a bound, the data allow values "
         "beyond the bound."
     ),
     ("identified", "not identified", "grade"): (
@@ -94,8 +94,8 @@ WORDS: dict[tuple[str, ...], str] = {
         "assembly, from the values that all sessions share."
     ),
     ("leave one out", "leave-one-out"): (
-        "A fit without one session. If it moves the parameters far, that session contradicts the "
-        "others."
+        "A fit without one session. If this fit moves the parameters far, that session contradicts "
+        "the others."
     ),
     ("effective number of samples", "worth"): (
         "The number of independent samples that the correlated samples of a coloured residual are "
@@ -296,14 +296,14 @@ WORDS: dict[tuple[str, ...], str] = {
         "have a smaller error."
     ),
     ("inside the 99 % predictive band", "inside the 99 % band", "inside the band", "coverage"): (
-        "How many of the measured values lie within the 99 % band. About 99 % is right."
+        "Percentage of the measured values inside the 99 % band. It should be about 99 %."
     ),
     (
         "half width",
         "half width of the band / rms of the record",
     ): (
         "Half the width of the band, divided by the rms of the record. A wide band contains "
-        "everything and says little."
+        "all measured values but predicts little."
     ),
     ("peak displacement [m]", "peak [m]", "motion", "motion [mm]", "at", "amplitude"): (
         "The largest displacement of a test, or the amplitude at which something is compared."
@@ -400,7 +400,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "are those with fully stuck joints."
     ),
     ("swept",): "Modes that a test of the campaign excites; they distinguish the joints.",
-    ("cycle", "cycles"): "The part of a loop from one largest displacement to the next.",
+    ("cycle", "cycles"): "The part of a loop from one maximum of the displacement to the next.",
     ("work [J]",): "Energy dissipated in one cycle of a loop.",
     ("equivalent damping",): (
         "Damping ratio of the linear spring and damper that dissipate the same energy in a cycle: "
@@ -415,11 +415,11 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("CHECK",): (
         "Mark of `jbw init` on a line of a campaign file whose value the records do not state. "
-        "Check it before you identify."
+        "Check the value before you identify."
     ),
     ("session",): (
-        "A day, or a shift, in which nothing was changed: `run` in a `[[test]]` names it. Each "
-        "session may have its own offsets of natural frequency and damping."
+        "A day, or a working shift, in which nothing was changed. `run` in a `[[test]]` names the "
+        "session. Each session may have its own offsets of natural frequency and damping."
     ),
     ("remark",): (
         "Additional information on a row, such as how many repeats of a test were fitted."
