@@ -131,9 +131,9 @@ def matrix_model(
     for name, matrix in matrices.items():
         if matrix.shape[0] != size:
             raise DataError(
-                f"M and {name} must have one size, but M has {size} rows and {name} "
+                f"M and {name} must have the same size, but M has {size} rows and {name} has "
                 f"{matrix.shape[0]}.",
-                remedy="Export both matrices from one model and step.",
+                remedy="Export both matrices from the same step of the same model.",
             )
     if len(rows) != size:
         raise DataError(

@@ -770,7 +770,7 @@ def _pattern(files: Sequence[Path]) -> str | list[str]:
         return files[0].name
     pattern = f"{_stem(files[0])[0]}*{files[0].suffix}"
     also = {p for p in files[0].parent.glob(pattern) if p.is_file()}
-    # A pattern is shorter than names, but must match these files and no others.
+    # A pattern is shorter than a list of names, but must match the listed files and no others.
     return pattern if also == set(files) else [path.name for path in files]
 
 

@@ -47,7 +47,7 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     "--reference",
     "num_reference",
     type=click.IntRange(1),
-    help="Number of records without change; by default those of the campaign.",
+    help="Number of first records, of the unchanged joint; by default all of the campaign.",
 )
 @click.option("--test", help="Name of the test of free decays, if the campaign has several.")
 @click.option(

@@ -84,7 +84,7 @@ def _entries(path: Path) -> Iterator[list[str]]:
 
 
 def _joined(fields: list[str]) -> list[str]:
-    """Return the fields of an entry, without the empty one that follows the column's component."""
+    """Return the fields of an entry; omit the empty field after the component of a column."""
     name, grid, component, *rest = [*fields, "", "", ""]
     if grid in ("", "0"):
         return [name, "0", component, *rest]
