@@ -106,7 +106,7 @@ def log_density(
 def log_prior(
     problem: Problem, coordinate: Coordinate, x: Float[Array, " parameter"]
 ) -> Float[Array, ""]:
-    r"""Return the log prior density in given coordinates; outside the bounds (volume V) -inf.
+    r"""Return the log prior density in given coordinates; -inf outside bounds of volume V.
 
     $$\log \pi(x) = -\log V + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
     """
