@@ -112,7 +112,7 @@ def fits_of(
     max_evaluations: int,
     tolerance: float,
 ) -> list[Fit]:
-    """Fit from each start separately, like `costly_fits`; minimise a function of search coordinates."""
+    """Fit from each start separately; the residual is a function of search coordinates."""
     inside = np.stack([to_search(start, box) for start in named_starts(starts, box)])
 
     def from_start(start: NDArray[np.float64], evaluate: Evaluate) -> Fit | None:
@@ -125,7 +125,8 @@ def fits_of(
         raise ModelError(
             f"The residual is not finite at any of the {len(ends)} starts.",
             remedy="Check the data with `jbw check` for swapped channels, wrong units and NaN. "
-            "Check whether the prior bounds contain parameters for which the model has no solution.",
+            "Check whether the prior bounds contain parameters for which the model has no "
+            "solution.",
         )
     first, num_refused = fits[0], len(ends) - len(fits)
     return [

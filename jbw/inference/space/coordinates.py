@@ -193,7 +193,7 @@ class Composed(Coordinate):
         return y
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the sum of all maps' log determinants, each at the point to which the map applies."""
+        """Return the sum of all maps' log determinants, each at the point that the map receives."""
         total = jnp.zeros(())
         for part in self.parts:
             total = total + part.log_abs_det_jacobian(x)
