@@ -77,7 +77,7 @@ class Delay(_Lag):
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether a lag is over 1 % of a period, no wrong sign, and equal at small motion."""
+        """Return whether a lag is above 1 % of a period, no wrong sign, equal at small motion."""
         if not LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN:
             return False
         signal = fits.signal

@@ -145,7 +145,7 @@ class DecaySignal:
         return replace(self, z=self.z[:count], time=self.time[:count])
 
     def filtered_step(self, at_s: float) -> Reals:
-        """Return a unit step at a given time [s] after the filter."""
+        """Return the filtered signal of a unit step at a given time [s]."""
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
 
