@@ -41,7 +41,7 @@ def returned[Type: type](named_tuple: Type) -> Type:
 
 
 class KeptProgram[**P, R]:
-    """A function that `equinox.filter_jit` compiles, unless a stored program of it exists.
+    """A function that `equinox.filter_jit` compiles, or that is loaded from the stored programs.
 
     Programs are kept in processes that set `jbw.cache.Programs.are_kept`. A function with an
     argument that another process cannot identify, such as a closure, is traced in each process.

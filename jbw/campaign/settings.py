@@ -191,7 +191,7 @@ class Structured(FileTable):
         [18.8, 57.2],
     )
     driving_point: StrictBool = key(
-        False, "the response is measured where the source pushes, in its direction", True
+        False, "the response is measured where the source pushes, in the same direction", True
     )
     joint_shape: values.Shapes = key(
         (),

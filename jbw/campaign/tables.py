@@ -50,7 +50,7 @@ class Head(FileTable):
     fs_std: values.Spread | None = key(
         None,
         "relative standard deviation of the recorder's clock, which no record shows; intervals "
-        "include it",
+        "include this error",
         5e-5,
     )
     gain_std: values.Spreads = key(
@@ -151,8 +151,8 @@ class TestSpec(FileTable):
     delay: values.Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
     clock_ppm: values.Number = key(
         0.0,
-        "error of the response's clock against that of the drive [ppm], positive if it runs "
-        "fast; the response is resampled to the clock of the drive",
+        "error of the response's clock against that of the drive [ppm], positive if the "
+        "response's clock runs fast; the response is resampled to the clock of the drive",
         80.0,
     )
     assembly: values.Text = key("", "name of the assembly of the joint", "first")
@@ -175,7 +175,7 @@ class TestSpec(FileTable):
     lines_hz: values.Frequencies = key(
         (),
         "frequencies [Hz] of steady lines in a decay, such as hum or a machine nearby, which "
-        "are fitted to its last half and removed",
+        "are fitted to the last half of the decay and removed",
         [50.0],
     )
     conjugate: StrictBool = key(
@@ -191,7 +191,7 @@ class TestSpec(FileTable):
     )
     phase_tolerance: values.Positive = key(
         5.0,
-        "deviation of a measured phase from locked_phase above which it is reported [deg]",
+        "deviation of a measured phase from locked_phase above which a point is reported [deg]",
         8.0,
     )
     amplitude_std: values.Spread | None = key(

@@ -61,7 +61,8 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
         raise ConfigError(
             f"[structure] points: tests may be measured at up to {MOST_POINTS} points in addition "
             f"to the first, but are measured at {len(points)}.",
-            remedy="Leave all tests at one of these points out of the file.",
+            remedy="Leave tests out of the campaign file, so that at most "
+            f"{MOST_POINTS + 1} points remain.",
         )
     rows = dict(zip(reduced.outputs, reduced.c[:, order], strict=True))
     numbers = held_numbers(

@@ -31,7 +31,7 @@ from jbw.report.messages import posterior as messages
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
     """Return the prior bounds of the joint posterior: of the joint, and of the gain."""
     parts = parts_of("", data.parts)
-    # No test determines the damping only if all tests prescribe the displacement of the joint.
+    # The damping is undetermined only if all tests prescribe the displacement of the joint.
     forced = all("zeta" not in part.informs for part in parts)
     omega_n = known.get("omega_n")
     if not omega_n:

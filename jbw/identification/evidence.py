@@ -72,7 +72,7 @@ MOST_TURNS = 2
 # A law is hopeless, that is, it does not fit at all, if its largest likelihood is this many nats
 # below that of the best law and its error is this many times that of the best law.
 FAR_BELOW, FAR_OFF = 100.0, 2.0
-FEW_DRAWS = 50  # number of draws per group from the fit of a hopeless law (see above)
+FEW_DRAWS = 50  # number of draws per group from the fit of a law that does not fit at all
 
 
 @dataclass(frozen=True)

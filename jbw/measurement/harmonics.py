@@ -125,7 +125,7 @@ def harmonics(
         warnings.warn(
             f"The first harmonic at {omega / (2 * np.pi):.4g} Hz changes by "
             f"{np.max(result.drift):.1%} from one half of the record to the other: a transient is "
-            "left, or the frequency is not exact. Discard more with `start`.",
+            "left, or the frequency is not exact. Discard more of the record with `start`.",
             stacklevel=2,
         )
     return result

@@ -92,7 +92,7 @@ def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
     if len(x) < 2 * REACH * ratio:
         raise DataError(
             f"{len(x)} samples are too few to be resampled from {fs:g} to {new_fs:g} Hz.",
-            remedy="Measure longer, or at one rate.",
+            remedy="Measure longer, or measure all channels at the same rate.",
         )
     y = interpolated(x, np.arange(size) * (fs / new_fs), ratio)
     lost = np.sqrt(max(0.0, 1 - np.var(y) / max(float(np.var(x)), 1e-300)))

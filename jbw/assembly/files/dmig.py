@@ -33,7 +33,7 @@ def contents(path: Path) -> MatrixFile:
             if len(fields) > 2 and fields[2] in _COMPLEX:
                 raise DataError(
                     f"Matrix {name} of {path.name} must be real, but is complex.",
-                    remedy="Export it without structural damping.",
+                    remedy=f"Export matrix {name} without structural damping.",
                 )
             continue
         try:

@@ -225,8 +225,8 @@ def _check(model: Model, num_replications: int, batch: int) -> None:
     twice = {*model.quantities} & {*model.box.names, LOG_LIKELIHOOD}
     if twice:
         raise ConfigError(
-            f"Quantity {sorted(twice)[0]!r} has a reserved name: jbw always ranks a parameter or "
-            "the log likelihood under this name.",
+            f"Quantity {sorted(twice)[0]!r} has a reserved name, that of a parameter or of the "
+            "log likelihood.",
             remedy="Rename the quantity.",
         )
 

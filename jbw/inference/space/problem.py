@@ -167,5 +167,5 @@ def _checked_precision(
     raise ConfigError(
         "Argument `covariance` must be finite, symmetric and positive definite, but it is not.",
         why="The covariance determines the steps of the sampler.",
-        remedy="Pass the covariance of a fit, or leave it out.",
+        remedy="Pass the covariance of a fit, or omit the argument.",
     )

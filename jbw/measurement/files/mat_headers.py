@@ -46,7 +46,7 @@ def require_sound(path: Path) -> None:
 
 
 def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """Yield the unpacked size of each variable in a v5 file [bytes], and a function to check it."""
+    """Yield the unpacked size [bytes] of each variable in a v5 file, and a check function."""
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[HEADER - 2 : HEADER]))
     if order is None:
         raise ValueError("the header of the file does not state the byte order")
@@ -71,7 +71,7 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
 
 
 def _variables_4(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """Yield the size of each variable in a v4 file [bytes], and a function that checks nothing.
+    """Yield the size [bytes] of each variable in a v4 file, and a check function without effect.
 
     A variable consists of type, rows, columns, imaginary part, name and numbers.
     """

@@ -74,7 +74,7 @@ def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[L
         return _item(node, indices, rest)
     if not isinstance(node, Mapping):
         count = " x ".join(map(str, node.shape))
-        before = f" before `{rest}`: select one by an index" if rest else ", not an array"
+        before = f" before `{rest}`: select one item by an index" if rest else ", not an array"
         raise DataError(f"has {count} items{before}.")
     if not rest:
         raise DataError("is a group, not an array.")

@@ -159,9 +159,9 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     ]
     if facts[0] != facts[1]:
         raise DataError(
-            f"Channels that are subtracted must agree, but one has {facts[0]}, "
-            f"the other {facts[1]}.",
-            remedy="Subtract channels that were sampled together, in one unit.",
+            f"Channels that are subtracted must agree, but one channel has {facts[0]}, "
+            f"and the other channel has {facts[1]}.",
+            remedy="Subtract channels that were sampled together, in the same unit.",
         )
     # The difference is computed in float64, because integers would wrap around.
     subtracted = load(source.minus, part)

@@ -111,7 +111,7 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
     if declared not in (None, len(data)):
         raise DataError(
             f"{where} declares {declared} samples, but has {len(data)}.",
-            remedy="Copy the file again, or export it again.",
+            remedy="Copy or export the file again.",
         )
     quantity = SPECIFIC.get(int(_number(dataset, "ordinate_spec_data_type")), "")
     unit = _unit_of(dataset, "ordinate", quantity, system)
