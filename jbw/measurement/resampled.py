@@ -122,8 +122,9 @@ def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tu
     error = float(np.std(met - x[out]) / max(float(np.std(x[out])), 1e-300))
     if not error < LARGEST_ERROR:
         raise DataError(
-            f"Resampling fails: a signal below {PASSED * rate / 2:.4g} Hz that is fitted to most "
-            f"samples differs from the other samples by {100 * error:.3g} % of their rms.",
+            f"Resampling fails: a signal below {PASSED * rate / 2:.4g} Hz, fitted without every "
+            f"{HELD_OUT}th sample, differs from the omitted samples by {100 * error:.3g} % of "
+            "their rms.",
             why=f"The samples are up to {1e3 * pause:.3g} ms apart, so faster parts of the signal "
             "cannot be recovered.",
             remedy=_without_pauses(time, begins),
