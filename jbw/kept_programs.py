@@ -26,7 +26,7 @@ from jbw.report.messages import stages
 from jbw.sources import sources_of
 
 FOLDER = "programs"
-DIGEST_BYTES = 32  # a kept program begins with the SHA-256 hash of the rest
+DIGEST_BYTES = 32  # length of the SHA-256 hash with which a stored program begins
 
 
 class _UnnamedError(Exception):
@@ -34,14 +34,14 @@ class _UnnamedError(Exception):
 
 
 def returned[Type: type](named_tuple: Type) -> Type:
-    """Mark a class of named tuples that kept programs return, as a decorator."""
+    """Register a class of named tuples that stored programs may return; use it as a decorator."""
     name = f"{named_tuple.__module__}.{named_tuple.__qualname__}"
     jax.export.register_namedtuple_serialization(named_tuple, serialized_name=name)
     return named_tuple
 
 
 class KeptProgram[**P, R]:
-    """A function that is compiled as by `equinox.filter_jit`, or found among the kept programs.
+    """A function that `equinox.filter_jit` compiles, or that is loaded from the stored programs.
 
     Programs are kept in processes that set `jbw.cache.Programs.are_kept`. A function with an
     argument that another process cannot identify, such as a closure, is traced in each process.
@@ -77,8 +77,8 @@ class KeptProgram[**P, R]:
         program = self._programs.get(key)
         if program is None:
             return self._compiled(*args, **kwargs)
-        # The results of a kept program belong to a device, and JAX compiles it again for arguments
-        # that do not.
+        # A stored program returns arrays that are bound to a device. JAX would compile the program
+        # again for arguments that are not bound to a device.
         return program(*jax.device_put(arrays, *arrays[0].devices() if arrays else ()))
 
     def forget(self) -> None:
@@ -90,7 +90,7 @@ class KeptProgram[**P, R]:
             clear()
 
     def _program(self, arguments: Any, arrays: Sequence[Any]) -> Callable[..., R] | None:
-        """Return the program of a function of the arrays alone; None if it cannot be kept."""
+        """Return a program that takes only the arrays; None if the program cannot be stored."""
         program = _exported(self._function, arguments, arrays)
         if program is None:
             return None
@@ -100,7 +100,7 @@ class KeptProgram[**P, R]:
 def _exported(
     function: Callable[..., Any], arguments: Any, arrays: Sequence[Any]
 ) -> jax.export.Exported | None:
-    """Return the kept program, or export and keep it; None if it cannot be kept."""
+    """Return the stored program, or export and store it; None if it cannot be stored."""
     try:
         state = *_versions(), jax.default_backend(), str(jax.config.jax_enable_x64)
         named = f"{function.__module__}.{function.__qualname__}", arguments, state

@@ -131,9 +131,9 @@ def matrix_model(
     for name, matrix in matrices.items():
         if matrix.shape[0] != size:
             raise DataError(
-                f"M and {name} must have one size, but M has {size} rows and {name} "
+                f"M and {name} must have the same size, but M has {size} rows and {name} has "
                 f"{matrix.shape[0]}.",
-                remedy="Export both matrices from one model and step.",
+                remedy="Export both matrices from the same step of the same model.",
             )
     if len(rows) != size:
         raise DataError(
@@ -209,7 +209,7 @@ def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse
             f"Matrix {name} must be symmetric, but {name}[{dofs[i]}, {dofs[j]}] is "
             f"{matrix[i, j]:.9g} and {name}[{dofs[j]}, {dofs[i]}] is {matrix[j, i]:.9g}.",
             why="The modes of an unsymmetric matrix do not decouple the equations of motion.",
-            remedy=f"If only a triangle was exported, mirror it as {name} + {name}.T - "
+            remedy=f"If only a triangle was exported, mirror the triangle: {name} + {name}.T - "
             f"diag({name})."
             if triangle
             else "Export the linear model without friction, follower loads and gyroscopic terms.",

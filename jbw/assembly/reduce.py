@@ -32,14 +32,14 @@ from jbw.assembly.stuck_modes import (
 from jbw.errors import ConfigError, ModelError
 from jbw.report.messages import matrices as messages
 
-# largest frequency of residual modes that are slowed down, as a multiple of to_hz
+# frequency to which faster residual modes are slowed, as a multiple of to_hz
 _SLOWEST_RESIDUAL = 5.0
 # A mode does not move a joint if the joint's motion is below this fraction of the motion of its
 # degrees of freedom.
 _STILL = 1e-9
 # Two joints act at the same point if 1 - |cos| between their weights is below this.
 _PARALLEL = 1e-10
-_ROUND_OFF = 1e-6  # part of an energy share above 1 that counts as round-off
+_ROUND_OFF = 1e-6  # largest excess of an energy share over 1 that counts as round-off
 _PLAUSIBLE_HZ = (1e-2, 1e5)
 _SHOWN = 5
 

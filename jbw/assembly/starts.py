@@ -1,4 +1,4 @@
-r"""Estimates of joints from fits of single modes by non-negative least squares, with their test.
+r"""Estimates of joints from single-mode fits by non-negative least squares, and a chi-square test.
 
 $$\min_{S \ge 0}\ (BS - s)^T\Sigma^{-1}(BS - s)$$
 

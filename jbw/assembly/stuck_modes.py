@@ -29,7 +29,8 @@ from jbw.errors import ConfigError, ModelError
 _SHIFT = 0.05  # frequency of the shift, as a fraction of the limit to_hz
 RIGID = 1e-4  # A mode is a rigid-body mode if its frequency is below this fraction of to_hz.
 _BEYOND = 2  # number of modes that are requested above to_hz, so that none below it is missed
-_FIRST_GUESS = 12  # number of modes in the first request
+# number of modes that are computed first; the number is doubled until enough modes lie above to_hz
+_FIRST_GUESS = 12
 _SAME_FREQUENCY = 1e-6  # relative difference up to which two frequencies are equal
 _MOST_SWEEPS = 50
 # tolerance of Lanczos' method; its type is `Any`, because the type stubs require an integer

@@ -378,8 +378,8 @@ def findings(
 
     is_spoilt = worst(facts) == "error" or any(fault.excludes_others for fault in facts)
     doubts = [] if is_spoilt else doubtful(record, test, first)
-    # Contradictions between file and campaign are certain, so that their remedies are not tried,
-    # except cuts of the record.
+    # Contradictions between file and campaign are certain, so that their remedies need no trial,
+    # except a remedy that cuts the record.
     certain = [fault for fault in facts if not SPAN.search(fault.remedy)]
     uncertain = [
         replace(fault, remedy=in_whole_periods(fault.remedy, record, test.periods))
@@ -549,7 +549,7 @@ def _believable(
     elif traits.is_curve:
         phase = record.channels.get("phase", np.zeros(1))
         if in_degrees := list(responses.phase_in_degrees(phase)):
-            # A phase in a wrong unit shows neither a wrong sign nor a backbone.
+            # If the phase has a wrong unit, the checks of its sign and of its control mean nothing.
             yield from in_degrees
         elif traits.is_controlled:
             held, tolerance = test.locked_phase if traits.is_locked else None, test.phase_tolerance

@@ -290,7 +290,7 @@ SLIPS = (
 
 
 def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
-    """Return why a text is not TOML, and the remedy; None if the cause is unknown.
+    """Return the reason why a text is not TOML, and the remedy; None if the cause is unknown.
 
     A slip counts as the cause if the corrected text is TOML up to a later line.
     """

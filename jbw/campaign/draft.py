@@ -149,8 +149,8 @@ def start_campaign(
             f"Folder `{folder}` contains {len(visible)} measurement files of {len(groups)} "
             f"names, more than a campaign of {MOST_GROUPS} tests.",
             why="Files whose names differ only in their last number are repeats of one test.",
-            remedy="Put the records of one joint into a separate folder, or number its "
-            f"repeats: sweep_1{visible[0].suffix}, sweep_2{visible[0].suffix}.",
+            remedy="Put the records of one joint into a separate folder, or number the "
+            f"repeats of a test: sweep_1{visible[0].suffix}, sweep_2{visible[0].suffix}.",
         )
     torques = {_torque_of(repeats[0]) for repeats in groups}
     blocks = _tests(groups, folder, torques, assumed, named)
@@ -770,7 +770,7 @@ def _pattern(files: Sequence[Path]) -> str | list[str]:
         return files[0].name
     pattern = f"{_stem(files[0])[0]}*{files[0].suffix}"
     also = {p for p in files[0].parent.glob(pattern) if p.is_file()}
-    # A pattern is shorter than names, but must match these files and no others.
+    # A pattern is shorter than a list of names, but must match the listed files and no others.
     return pattern if also == set(files) else [path.name for path in files]
 
 

@@ -72,7 +72,10 @@ def repeats_of(
             remedy="Repeats are counted from zero; file names may contain * and ?.",
         )
     elif not num_repeats:
-        yield DataError(f"Test {test.name!r} has no repeats left.", remedy="Shorten `exclude`.")
+        yield DataError(
+            f"Test {test.name!r} has no repeats left, because `exclude` lists all of them.",
+            remedy="Remove the repeats to be fitted from `exclude` of this test.",
+        )
 
 
 def _on_grid(record: Record, fs: float) -> Record:

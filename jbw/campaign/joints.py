@@ -329,10 +329,10 @@ def refuse_unknown_shapes(spec: CampaignSpec) -> None:
         why="The identification takes modes of unit mass, and the joints' motion in them, from a "
         "model.",
         remedy="`jbw check` shows which joints the tests can separate. State `matrices` of a "
-        "model under [structure], or of measured modes of unit mass: M the unit matrix, "
-        "K with (2 pi f)^2 on its diagonal, `dofs` with i:x for mode i, and "
-        "`holds_joints = true`; `input`, `points` and `weights` are then shapes, such "
-        'as { "1:x" = 0.8, "2:x" = -0.3 }.',
+        "model under [structure]. Or state measured modes of unit mass as `matrices`: M is the "
+        "unit matrix, K has (2 pi f)^2 on its diagonal, `dofs` has i:x for mode i, and "
+        "`holds_joints = true`. Then `input`, `points` and `weights` are mode shapes, such as "
+        '{ "1:x" = 0.8, "2:x" = -0.3 }.',
     )
 
 

@@ -290,9 +290,9 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
 
 
 def _by_phase(leaf: Leaf) -> str:
-    r"""Return the quantity of a complex response from its phase at the peak, $\arg \sum |H| H$.
+    r"""Infer displacement, velocity or acceleration from a response's phase, $\arg \sum |H| H$.
 
-    A receptance has a phase of -90 degrees there, a mobility 0 and an accelerance 90.
+    At its peak a receptance has a phase of -90 degrees, a mobility 0 and an accelerance 90.
     """
     h = np.nan_to_num(np.ravel(load(leaf))) if leaf.shape[0] <= MOST_SAMPLES else np.zeros(1)
     quarters = round(float(np.angle(np.sum(np.abs(h) * h))) / (np.pi / 2))

@@ -52,7 +52,7 @@ class CampaignFile(FileTable):
         JointLaws, "laws of the joint; one [[joint]] table per joint if a structure has several"
     )
     structure: Structured | AssembledStructure | None = key(
-        None, "several modes that share the joint, or matrices of a model with joints"
+        None, "the structure: several modes that share the joint, or a model's matrices with joints"
     )
     test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table per test")
     identify: Identify = key(Identify, "tests to fit and to hold out, and how to sample")

@@ -82,8 +82,8 @@ class Identify(FileTable):
     )
     final: StrictBool = key(
         False,
-        "fit all tests after the held-out tests have shown the error of the law; this takes the "
-        "time of both fits, and the verdict keeps the result for the held-out tests",
+        "fit all tests once more after the errors of the held-out tests are known. This takes the "
+        "time of both fits; the verdict still uses the errors of the held-out tests",
         True,
     )
     strict: StrictBool = key(
@@ -98,9 +98,9 @@ class Identify(FileTable):
     )
     offsets: Literal["auto", "runs", "none"] = key(
         "auto",
-        "whether each run has its own omega_n and zeta; auto: only if the data show "
-        "that runs differ; levels of one assembly share zeta, unless it varies between repeats of "
-        "one level",
+        "whether each run has its own omega_n and zeta. auto: only if the data show that runs "
+        "differ. Levels of one assembly share zeta, unless zeta varies between repeats of one "
+        "level",
         "auto",
     )
     run_scatter: values.Positive | None = key(
@@ -146,9 +146,9 @@ class Identify(FileTable):
     seed: values.Index = key(0, "seed of the random numbers", 0)
     modes: values.Modes = key(
         (),
-        "modes in the band: their frequencies [Hz], first the joint's mode, then its linear "
-        "neighbours; or the number of modes that Step 2 finds in the noise or multisine test, "
-        "where the joint's mode has the highest peak; by default one mode is fitted",
+        "modes in the band; by default one mode is fitted. Either the frequencies [Hz] of the "
+        "joint's mode and then of its linear neighbours, or the number of modes: Step 2 then finds "
+        "the modes in the noise or multisine test, and takes the highest peak as the joint's mode",
         [18.8, 21.4],
     )
     prior: Mapping[str, values.Prior] = key(
@@ -191,7 +191,7 @@ class Structured(FileTable):
         [18.8, 57.2],
     )
     driving_point: StrictBool = key(
-        False, "the response is measured where the source pushes, in its direction", True
+        False, "the response is measured where the source pushes, in the same direction", True
     )
     joint_shape: values.Shapes = key(
         (),

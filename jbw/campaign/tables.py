@@ -50,13 +50,13 @@ class Head(FileTable):
     fs_std: values.Spread | None = key(
         None,
         "relative standard deviation of the recorder's clock, which no record shows; intervals "
-        "include it",
+        "include this error",
         5e-5,
     )
     gain_std: values.Spreads = key(
         dict,
-        "role = relative standard deviation of the calibration of that channel, which intervals "
-        "include",
+        "role = relative standard deviation of that channel's calibration; intervals include this "
+        "error",
         {"velocity": 0.01, "force": 0.005},
     )
 
@@ -101,8 +101,8 @@ class TestSpec(FileTable):
     scale: values.Factors = key(dict, "role = calibration factor, applied before the unit")
     sensitivity: values.Sensitivities = key(
         dict,
-        "role = volts per unit of the sensor, for a channel that its file states in volts; "
-        "instead of a unit",
+        "role = sensitivity of the sensor in volts per unit, for a channel that the file states in "
+        "volts; state it instead of a unit",
         {"acceleration": "100 mV/g"},
     )
     name: values.Text = key("", "a short name, unique")
@@ -137,9 +137,9 @@ class TestSpec(FileTable):
     )
     drive: Literal["voltage", "current", "force", "base", "none"] | None = key(
         None,
-        "source of the test; for a free decay, the drive of the shaker that stays attached (with "
-        "voltage or current the shaker moves with the structure); by default none for a decay, and "
-        "otherwise the source that the role or the unit of the input indicates",
+        "source of the test. For a free decay: the drive of the shaker that stays attached; with "
+        "voltage or current, the shaker moves with the structure. The default is none for a decay; "
+        "for other tests it follows from the role or the unit of the input",
         "voltage",
     )
     relative_to_base: StrictBool = key(
@@ -151,8 +151,8 @@ class TestSpec(FileTable):
     delay: values.Number = key(0.0, "lag of the response channel behind the input [s]", 0.0)
     clock_ppm: values.Number = key(
         0.0,
-        "error of the response's clock against that of the drive [ppm], positive if it runs "
-        "fast; the response is resampled to the clock of the drive",
+        "error of the response's clock against that of the drive [ppm], positive if the "
+        "response's clock runs fast; the response is resampled to the clock of the drive",
         80.0,
     )
     assembly: values.Text = key("", "name of the assembly of the joint", "first")
@@ -175,7 +175,7 @@ class TestSpec(FileTable):
     lines_hz: values.Frequencies = key(
         (),
         "frequencies [Hz] of steady lines in a decay, such as hum or a machine nearby, which "
-        "are fitted to its last half and removed",
+        "are fitted to the last half of the decay and removed",
         [50.0],
     )
     conjugate: StrictBool = key(
@@ -186,12 +186,12 @@ class TestSpec(FileTable):
     locked_phase: values.Lag = key(
         -90.0,
         "phase of the displacement relative to the force at which a controller held the "
-        "points of kind backbone [deg]; a measured phase is used instead",
+        "points of kind backbone [deg]; if the file contains a measured phase, that is used",
         -60.0,
     )
     phase_tolerance: values.Positive = key(
         5.0,
-        "deviation of a measured phase from locked_phase above which it is reported [deg]",
+        "deviation of a measured phase from locked_phase above which a point is reported [deg]",
         8.0,
     )
     amplitude_std: values.Spread | None = key(
@@ -210,8 +210,8 @@ class TestSpec(FileTable):
     )
     load_cell: Literal["exact", "offset", "drift"] = key(
         "exact",
-        "error of the load cell's zero in kind loop, fitted together with the joint: an "
-        "offset, or an offset and a drift in proportion to time",
+        "zero error of the load cell in tests of kind loop, fitted together with the joint: an "
+        "offset, or an offset and a drift proportional to time",
         "drift",
     )
     gaps: Literal["refuse", "mask"] = key(
@@ -443,5 +443,5 @@ def gain_of(gain: Gain, drive: str) -> float | None:
 
 
 def differ(drives: Collection[str]) -> bool:
-    """Return whether a force drives some tests and a source without a modal mass other tests."""
+    """Return whether a force drives some tests, and a voltage, current or base drives others."""
     return "force" in drives and not WEIGHTLESS.isdisjoint(drives)

@@ -62,7 +62,7 @@ def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
 
 
 def on_a_base(tests: Sequence[TestSpec], *, is_weighed: bool, several: bool) -> Iterator[str]:
-    """Yield an error if a moving base drives some tests and other sources others, except a force.
+    """Yield an error if tests on a moving base and tests with other drives have unrelated gains.
 
     Args:
         tests: The tests of the campaign.
@@ -159,7 +159,7 @@ def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
     samples = [np.ascontiguousarray(record.channels[name]) for name in roles]
     digest = hashlib.sha256()
     is_dead = not any(part.size and np.ptp(part) for part in samples)
-    if is_dead:  # Constant channels are equal, but each of them is rejected for another reason.
+    if is_dead:  # Equal constant channels are no duplicates: another check rejects each of them.
         digest.update(f"{test.name}/{record.name}".encode())
     for part in samples:
         digest.update(part.data)

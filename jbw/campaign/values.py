@@ -142,14 +142,14 @@ def prior(value: Any) -> tuple[float, float]:
 
 
 def unequal(value: Any) -> tuple[Any, ...]:
-    """Return a list of numbers if all numbers differ."""
+    """Check that all numbers of a list differ; return the list as a tuple."""
     if len(set(numbers(value))) < len(value):
         raise ValueError(f"must not repeat a frequency, but is {list(value)}.")
     return tuple(value)
 
 
 def nonzero(value: Any) -> tuple[Any, ...]:
-    """Return a list of numbers if none is zero."""
+    """Check that no number of a list is zero; return the list as a tuple."""
     if 0 in numbers(value):
         raise ValueError(f"must not contain a 0, but is {list(value)}.")
     return tuple(value)

@@ -171,7 +171,7 @@ def first_page(package: Path) -> Path:
         if (page := folder / "index.html").is_file():
             return page
     raise RunError(
-        f"The documentation is not built here: there is no {folders[-1] / 'index.html'}.",
+        f"The documentation is not built: file {folders[-1] / 'index.html'} does not exist.",
         remedy="Build the documentation in a clone of jbw: "
         'pip install -e ".[docs]" && mkdocs build',
     )

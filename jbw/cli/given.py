@@ -65,7 +65,7 @@ def _matching(path: Path) -> list[Path]:
 
 
 def _there(campaign: Path, mass: float | None) -> Path:
-    """Return an existing campaign file; raise a ConfigError if a modal mass is also given."""
+    """Return an existing campaign file; raise a ConfigError if `mass` is given too."""
     if mass is not None:
         what, remedy = messages.mass_of_campaign(str(campaign), f"{mass:g}")
         raise ConfigError(what, remedy=remedy)
@@ -108,7 +108,7 @@ def _files_of(text: str) -> list[object]:
         tests = tomllib.loads(text).get("test", [])
         return sorted((test.get("files") for test in tests), key=str)
     except (tomllib.TOMLDecodeError, AttributeError, TypeError):
-        return []  # An invalid file differs from any draft, because every draft has tests.
+        return []  # Every draft has tests, so that an invalid file never equals a draft.
 
 
 def _written(draft: Draft, path: Path, tell: Tell) -> Path:

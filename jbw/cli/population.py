@@ -127,7 +127,7 @@ def _write(
 def _bands(
     pooling: "Population", torque: float | None, new: Callable[[float | None], np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return torques (without a trend, positions of the units) and predictions for new units."""
+    """Return torques, or positions of units if there is no trend, and predictions for new units."""
     torques = np.array(pooling.result.torque, float)
     if "torque" not in pooling.design.columns:
         return np.array([0.5, len(torques) + 0.5]), np.stack([new(None)] * 2, axis=1)

@@ -204,7 +204,7 @@ def basis_in(folder: Path) -> "Basis":
 
 
 def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) -> str:
-    """Return the message that names the units of a prediction from a population, and their gain."""
+    """Return the message that new units of a population are predicted, at which torque and gain."""
     of_units = all(request.gain is None for _, request in requests)
     return further_units(torque, of_units=of_units)
 

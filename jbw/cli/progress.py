@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 RESULT_ONLY = ("out", "json_")  # options that have no effect on the results
 LOOK_S = 1.0  # shortest time between two updates of the chains on a terminal [s]
-PLAIN_S = 10.0  # time between two lines on the chains if stderr is no terminal [s]
+PLAIN_S = 10.0  # time between two reports on the chains if stderr is not a terminal [s]
 # The current stage is printed if nothing was printed for this time [s] plus one BEAT_S.
 SILENT_S = 4.0
 BEAT_S = 0.5  # time between two checks whether something was printed [s]
@@ -56,7 +56,7 @@ class Teller:
         self._console = console
         self._rewrites = console.is_terminal and not console.is_dumb_terminal
         self._live: Live | None = None
-        # the table of chains, which is a part of the lines that are overwritten
+        # the table of the chains' progress, on terminal lines that the next update overwrites
         self._chains: Table | None = None
         self._lock = threading.RLock()  # a lock, because `beat` runs in a separate thread
         self._started = perf_counter()
@@ -211,7 +211,7 @@ def computing() -> Iterator[Teller]:
 
 @contextmanager
 def working(say: Teller, folder: Path) -> "Iterator[Job]":
-    """Yield the running command's computation; its partial results survive an interruption."""
+    """Yield the job of a command; an interruption keeps the partial results and says so."""
     from jbw.study.store import claimed
 
     context = click.get_current_context()

@@ -151,7 +151,7 @@ def _distance(key: str, row: "SampledParameter") -> str:
 @click.argument("source", metavar="[CAMPAIGN]", required=False, type=click.Path(path_type=Path))
 @click.option(
     "--step", default="third_order", show_default=True,
-    help="linear, third_order, opening or joint.",
+    help="Step to calibrate: linear, third_order, opening or joint.",
 )  # fmt: skip
 @click.option(
     "--replications", "num_replications", type=int,

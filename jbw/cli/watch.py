@@ -38,7 +38,7 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     callback=_amplitudes,
     metavar="A1[,A2]",
     help="Peak amplitudes of the response at which frequency and damping are measured, in SI; by "
-    "default the lowest common one.",
+    "default the lowest amplitude that all records have.",
 )
 @click.option(
     "--false-alarms", type=float, help="Rate of false alarms per record; by default 0.001."
@@ -47,7 +47,7 @@ def _amplitudes(_: Any, __: Any, value: str | None) -> tuple[float, ...] | None:
     "--reference",
     "num_reference",
     type=click.IntRange(1),
-    help="Number of records without change; by default those of the campaign.",
+    help="Number of records, from the first, of the unchanged joint; by default the campaign's.",
 )
 @click.option("--test", help="Name of the test of free decays, if the campaign has several.")
 @click.option(

@@ -74,8 +74,8 @@ def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
     half = peaks[:, None] * np.cos(np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1])
     down = carry(_force_unloading, one, jnp.asarray(peaks), jnp.asarray(half), laws)[0]
     even = carry(_even_force, one, jnp.asarray(half), laws)[0]
-    # The loading curve is the unloading curve rotated about the origin, unless a force is even. Its
-    # end closes the loop.
+    # The loading curve is the unloading curve rotated about the origin, unless a force is even. The
+    # end of the loading curve closes the loop.
     y = np.concatenate([half, -half, half[:, :1]], axis=1)
     force = np.concatenate([down, 2.0 * even - down, down[:, :1]], axis=1)
     around = np.repeat(peaks, y.shape[1])

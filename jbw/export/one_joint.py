@@ -73,7 +73,7 @@ class Export:
     linear: dict[str, float]
     # columns: displacement; force of spring and laws, equivalent spring and dashpot
     skeleton: Table
-    products: dict[str, float]  # products of this draw, which weak motion determines
+    products: dict[str, float]  # this draw's products of parameters that small motion determines
     mass: float  # modal mass [kg]
     y_max: float  # largest displacement [m]
     # parameters of the whole joint, in the order of the file; if empty, the joint is that of a

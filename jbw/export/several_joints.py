@@ -283,7 +283,7 @@ def _exports(
 def _plain(
     draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits
 ) -> tuple[Draws, tuple[Quantity, ...]]:
-    """Return a joint's parameters in given units, named without the joint, with definitions."""
+    """Return a joint's parameters in given units, with definitions; names omit the joint."""
     count = count_of(draws)
     values: Draws = {
         "omega_n": np.full(count, np.sqrt(units.value(model_joint.stiffness, "N/m"))),
@@ -305,7 +305,7 @@ def _plain(
 
 
 def _losing_at(skeleton: Table, hz: float, time: float) -> Table:
-    """Return a force-displacement table with dashpots that lose the joint's energy at `hz`.
+    """Return a force-displacement table whose dashpots dissipate as much as the joint at `hz`.
 
     The values of the table are in a system whose unit of time has `time` seconds.
     """

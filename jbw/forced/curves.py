@@ -206,7 +206,7 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
 def _corrected(
     motion: EquivalentMotion, level: Values, y: Values, omega: Values
 ) -> tuple[Values, Values]:
-    """Return amplitude and frequency of the peaks, by exact loops from close first guesses."""
+    """Refine amplitude and frequency of the peaks with exact loops, from approximate values."""
     for _ in range(MOST_ROUNDS):
         loops = motion.loops(y, omega)
         before, omega = omega, least_omega(loops)

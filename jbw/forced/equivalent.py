@@ -139,7 +139,7 @@ class EquivalentMotion:
         return real + 1j * imag
 
     def moved_along(self, y: Values, omega: Values) -> tuple[Values, Values]:
-        """Return power of the force and kinetic energy, each over the value of the mode alone.
+        """Return force power and kinetic energy, each divided by the value of the mode alone.
 
         Both are 1 if the other modes do not move.
         """
@@ -149,7 +149,7 @@ class EquivalentMotion:
         return power, mass
 
     def _at_points(self, y: Values, omega: Values) -> Values:
-        """Return K, D and, for a mode of a structure, the other modes' parts, by (part, *point)."""
+        """Return K, D and, for a structure, parts of the other modes; axes are (part, *point)."""
         function = _modal_loops if self.has_further_modes else _loops
         return self._by_lanes(partial(function, num_harmonics=self.num_harmonics), y, omega)
 
@@ -308,7 +308,7 @@ def _modal_loops(
         h, p, b, c = (jnp.asarray(x) for x in (structure.h, structure.p, structure.b, structure.c))
         stiffness = jnp.asarray(structure.omega_n)[mode] ** 2 + jnp.real(motion.force)
         q, output = jnp.real(motion.q[:, 0]), c[0] @ motion.q[:, 0]
-        # By reciprocity, h over p of a mode is its modal mass, relative to that of any other mode.
+        # By reciprocity, the ratios h / p of the modes are proportional to their modal masses.
         sizes, effects = jnp.sum(jnp.abs(h), 0), jnp.sum(jnp.abs(p), 1)
         mass = jnp.where(effects > 0.0, sizes / jnp.where(effects > 0.0, effects, 1.0), 0.0)
         power, kinetic = (jnp.sum(mass * part) / mass[mode] for part in (b * q / b[mode], q**2))
@@ -416,7 +416,7 @@ def condensed(
 def joint_secants(
     structure: Structure, x_peak: Float[Array, "draw joint"], omega: Float[Array, " draw"]
 ) -> Complex[Array, "draw joint"]:
-    """Return each joint's complex steady loop at amplitudes of its own motion [1/s^2]."""
+    """Return each joint's complex secant stiffness at its amplitude, minus that at rest [1/s^2]."""
 
     def of_draw(structure: Structure, x_peak: Array, omega: Array) -> Array:
         pairs = enumerate(structure.laws)
@@ -426,7 +426,7 @@ def joint_secants(
 
 
 def _secant(laws: Any, x_peak: Scalar, omega: Scalar) -> Array:
-    """Return a joint's complex steady loop, relative to its stiffness at rest [1/s^2]."""
+    """Return a joint's complex secant stiffness at an amplitude, minus its stiffness at rest."""
     parts = [(law.loop(x_peak, omega), law.stiffness()) for law in laws]
     total = sum((loop.stiffness - rest + 1j * loop.damping for loop, rest in parts), 0.0j)
     return jnp.asarray(total, complex)

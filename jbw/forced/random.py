@@ -231,7 +231,7 @@ def _losses(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
 
 
 def _losses_of_mode(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
-    r"""Return free vibration along a mode's backbone, by one harmonic, and its losses.
+    r"""Return free vibration along a mode's backbone, computed with one harmonic, and its losses.
 
     $$J = \pi\mu\omega Y^2, \qquad dE = \frac{\omega}{2\pi} dJ, \qquad
       \frac{B T}{J} = \frac{\beta}{\mu}\left(c + \frac{D}{\omega}\right)$$
@@ -301,9 +301,10 @@ def _require_broad(found: RandomResponse) -> None:
 
 @cache
 def rule(count: int) -> tuple[Values, Values, Values, Values]:
-    """Return the nodes and weights of the Gauss-Legendre rule on [0, 1], and two matrices.
+    """Return the Gauss-Legendre rule on [0, 1]: nodes, weights, integrating and derivative matrix.
 
-    From values at the `count` nodes they give the integrals from 0 to each node, and derivatives.
+    From values at the `count` nodes, the matrices give the integrals from 0 to each node, and the
+    derivatives.
     """
     nodes, weights = legendre.leggauss(count)
     to_series = np.linalg.inv(legendre.legvander(nodes, count - 1))

@@ -149,7 +149,7 @@ class ShockResponse:
 
 
 def shock_response(motion: EquivalentMotion, pulse: Pulse, share: Values) -> ShockResponse:
-    """Return the motion during a shock that starts from rest, and for some cycles after it.
+    """Return the motion, from rest, during a shock and for some cycles after the shock.
 
     Args:
         motion: The joint.

@@ -31,7 +31,8 @@ from jbw.oscillator.oscillator import Oscillator
 NODES = 48  # number of amplitudes of the mode in the table
 SPAN = (1e-3, 100.0)  # amplitudes of the mode, relative to its rms with a stuck joint
 SAMPLES = 64  # smallest number of samples in a cycle of either frequency
-# cycles of the mode, and of the sine, in a closed path: smallest and largest number, smallest sum
+# closed path: smallest and largest number of cycles of the mode, and also of the sine; smallest sum
+# of both numbers
 FEWEST, MOST, LEAST_SUM = 3, 21, 15
 LEAST_SINE = 1e-2  # smallest computed sine, relative to the rms with a stuck joint
 # relative change of S at which its iteration ends, and largest number of iterations
@@ -49,11 +50,11 @@ class MotionBesideSine(EquivalentMotion):
 
     @property
     def is_by_backbone(self) -> bool:
-        """Whether free vibration is described by K over the amplitude alone."""
+        """Whether stiffness K as a function of amplitude suffices to describe free vibration."""
         return True
 
     def values(self, y: Values, omega: Values) -> tuple[Values, Values]:
-        """Return stiffness K and loss D at amplitudes y of the mode, with the sine's effect."""
+        """Return stiffness K and loss D at amplitudes y of the mode, under the superposed sine."""
         loops = self.table.loops(y)
         return loops.stiffness, loops.loss
 
@@ -120,7 +121,7 @@ def sine_on_random(
 
 
 def closed_path(ratio: float) -> tuple[int, int]:
-    """Return cycles of the mode and of the sine in a closed path, nearest to a frequency ratio."""
+    """Return the cycles of mode and sine in the closed path nearest to a given frequency ratio."""
     pairs = [
         (mode, sine)
         for mode in range(FEWEST, MOST + 1)
@@ -152,7 +153,7 @@ def _two_tones(
     s: Float[Array, "draw one"],
     turns: tuple[int, int],
 ) -> Float[Array, "draw node 4"]:
-    """Return stiffness and loss of the mode, and of the sine, along a path with both."""
+    """Return stiffness and loss for the mode's motion and for the sine's, along a path of both."""
     of_mode, of_sine = turns
     # All cycles of one frequency have the same number of samples, so that sampling errors of one
     # frequency do not affect the result for the other frequency.

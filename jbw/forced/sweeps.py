@@ -49,8 +49,8 @@ def swept(motion: EquivalentMotion, peak: Peaks, omega: Values, *, upward: bool)
     point = along(peak, root)
     if not motion.feels_frequency:
         return np.asarray(point.y * np.exp(1j * point.phase), complex)
-    # The table has loops at the resonance frequency. If a law feels the frequency, the loop at the
-    # excitation frequency corrects the amplitude.
+    # The table has loops at the resonance frequency. If a law depends on the frequency, the loop at
+    # the excitation frequency corrects the amplitude.
     ratio = held_ratio(motion, point.y, np.broadcast_to(omega, point.y.shape))
     missing = peak.level[..., None] / (point.y * np.abs(ratio)) - 1.0
     y = point.y * (1.0 + missing / np.maximum(point.rise, LEAST_RISE))

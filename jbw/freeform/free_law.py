@@ -35,8 +35,8 @@ SPRINGS_OF_NAMED = (), ("cubic",)
 WITHOUT_FORM = "free", "loose"
 NAMED = "linear", "power", "iwan4"
 NAMES = {"power": "masing_power"}  # laws with another name here than in the table of priors
-# weight, relative to the data, of the constraint that holds the loss at a trial value in the search
-# for the bound of the loss
+# weight, relative to the data, of the constraint that fixes the loss at a trial value while the
+# bound of the loss is searched
 PENALTY = 1e5
 # growth of the steps that bracket a bound, number of halvings of the bracket, and first relative
 # step

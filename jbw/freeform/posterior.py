@@ -101,7 +101,7 @@ class StrengthPosterior:
         return self._value(theta)[0]
 
     def _value(self, theta: Particles) -> tuple[Reals, SliderStrengths, RowColumns, RowColumns]:
-        """Return log likelihood, strengths, residual / covariance, and slope with ln(scatter)."""
+        """Return log likelihood L, strengths, residual / covariance, and dL / d ln(scatter)."""
         w = self.prior.strengths(theta[:, :-1])
         left = self.left(w)
         variance = np.exp(2 * theta[:, -1:]) * self.own_sizes**2

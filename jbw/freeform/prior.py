@@ -23,7 +23,8 @@ ROUGHNESS = (np.log(1.2), 0.5)
 LENGTH = 2.3  # correlation length of the strengths in ln of the half width: one decade
 # prior sd of the level and the shape of a loss that is independent of the stiffness
 FREE_LEVEL, FREE_SHAPE = 0.5, 0.4
-# prior of ln of Iwan's largest half width (sd), and of ln of the share of sliders there (mean, sd)
+# prior of ln(largest half width of Iwan's sliders): sd; prior of ln(share of the sliders that have
+# the largest half width): mean and sd
 CUT, SHARE = 1.5, (0.0, 1.5)
 # number added to the diagonal of the correlation matrix, which keeps it positive definite
 NUGGET = 1e-3

@@ -50,8 +50,8 @@ FINE = 8  # number of equal sliders into which a bin is divided, so that curves 
 BELOW, ABOVE = 1 / 20, 6.0
 # numbers of half widths and of gaps of sliders behind gaps; the gap of zero is not counted
 YIELDS, GAPS = 16, 12
-SMALLEST = 1e-3  # smallest half width, relative to the largest motion
-LARGEST = 1.0  # largest half width and gap, relative to the largest motion
+SMALLEST = 1e-3  # smallest half width of a slider, relative to the largest motion
+LARGEST = 1.0  # largest half width and gap of a slider, relative to the largest motion
 SMALLEST_GAP = 1e-2  # smallest gap, relative to the largest motion
 # largest number of samples of all loops together, enough because loops are smooth
 MOST_SAMPLES = 2000

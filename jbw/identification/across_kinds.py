@@ -41,7 +41,7 @@ def kinds_of(data: Dataset) -> dict[str, tuple[str, ...]]:
 
 
 def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
-    """Predict each kind of test from the other kinds; return the errors; None for one kind."""
+    """Predict each kind of test from the other kinds; return the errors, or None for one kind."""
     kinds = kinds_of(data)
     if len(kinds) < 2:
         return None

@@ -176,7 +176,7 @@ def assemble(seen: Measured) -> Dataset:
 
 
 def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dict[str, float]:
-    """Return the parameters with fixed values: stated gains, and those that no test determines."""
+    """Return fixed parameters: stated gains, and parameters that no test determines."""
     others, first_parts = attached(parts), parts_of("", parts)
     informed = informed_by(first_parts)
     first = next((part.drive for part in first_parts if part.drive), "")

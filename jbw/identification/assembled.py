@@ -39,14 +39,14 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
     _require_sources(tests)
     if "cubic" in settings.compare_with:
         raise ConfigError(
-            "[identify] compare_with must be linear where a structure has several joints, but "
+            "[identify] compare_with must be linear if a structure has several joints, but "
             "names cubic, a spring of one joint.",
             remedy='Put under [identify]: `compare_with = ["linear"]`, or leave `compare_with` '
             "out.",
         )
     if settings.coordinates not in ("auto", "paper"):
         raise ConfigError(
-            "[identify] coordinates must be auto or paper where a structure has several joints, "
+            "[identify] coordinates must be auto or paper if a structure has several joints, "
             f"but is {settings.coordinates}.",
             why="For several joints, the coordinates of the samplers are always the parameters of "
             "the laws.",
@@ -61,7 +61,8 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
         raise ConfigError(
             f"[structure] points: tests may be measured at up to {MOST_POINTS} points in addition "
             f"to the first, but are measured at {len(points)}.",
-            remedy="Leave all tests at one of these points out of the file.",
+            remedy="Leave tests out of the campaign file, so that at most "
+            f"{MOST_POINTS + 1} points remain.",
         )
     rows = dict(zip(reduced.outputs, reduced.c[:, order], strict=True))
     numbers = held_numbers(
@@ -89,7 +90,8 @@ def _require_first_point(first: str, tests: Sequence[Test]) -> None:
             "[structure] points: at least one test must leave `point` out, which means that it is "
             f"measured at the first point, `{first}`, but all tests state `point`, for example "
             f"`{tests[0].point}`.",
-            remedy=f"Leave `point` out of tests at `{first}`, or name another point first.",
+            remedy=f"Remove `point` from the tests at `{first}`, or put another point first in "
+            "`points` of [structure].",
         )
 
 
@@ -116,7 +118,7 @@ def _require_kinds(tests: Sequence[Test]) -> None:
     for test in tests:
         if not (test.traits.is_transient or test.traits.is_periodic or test.traits.is_free):
             raise ConfigError(
-                f"[[test]] {test.name}: must be a sweep, a multisine or free decays where a "
+                f"[[test]] {test.name}: must be a sweep, a multisine or free decays if the "
                 f"structure has several joints, but is of kind `{test.kind}`, which is not "
                 "supported yet for several joints.",
                 remedy="Leave the test out of the campaign file.",
@@ -124,7 +126,7 @@ def _require_kinds(tests: Sequence[Test]) -> None:
         if test.traits.is_free and test.point:
             raise ConfigError(
                 f"[[test]] {test.name}: free decays must be measured at the first point of "
-                f"[structure] where it has several joints, but `point` is `{test.point}`.",
+                f"[structure] if the structure has several joints, but `point` is `{test.point}`.",
                 remedy="Leave the test out of the campaign file.",
             )
 

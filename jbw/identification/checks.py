@@ -103,7 +103,7 @@ class Checks:
     """The results of all checks of a posterior."""
 
     findings: tuple[Finding, ...]  # findings on the chains, the fit and the posterior
-    # changes of the findings' status, such as for small fit errors
+    # changes of the status of findings, for example because the errors of the fit are small
     amendments: tuple[Amendment | None, ...]
     statements: tuple[str, ...]  # sentences on the fit, the sampler and the checks
     groups: Mapping[str, xr.Dataset]  # labelled arrays stored with the draws, by name
@@ -197,7 +197,7 @@ def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
 def amendments_of(
     checked: CheckedPosterior, groups: Mapping[str, xr.Dataset], attempts: Attempts
 ) -> tuple[Amendment | None, ...]:
-    """Return the changes of findings that small fit errors or an absent joint justify."""
+    """Return the amendments of findings for small errors of fits and a determined joint effect."""
     of_unseen, ready, data = None, checked.fitted, checked.data
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
@@ -293,7 +293,7 @@ def effects_of_joints(checked: CheckedPosterior) -> Outcome:
 
 
 def of_tests(checked: CheckedPosterior) -> Outcome:
-    """Return every kind of test's statements on its fit."""
+    """Return, for every kind of test, the statements on its fit."""
     theta, parts = checked.theta, checked.data.parts
     return Outcome(
         statements=[x for part in parts for x in part.statements(of_drive(theta, part.drive))]

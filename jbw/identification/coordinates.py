@@ -31,7 +31,7 @@ from jbw.report.messages import posterior as messages
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
     """Return the prior bounds of the joint posterior: of the joint, and of the gain."""
     parts = parts_of("", data.parts)
-    # If no test determines the damping, all tests prescribe the displacement of the joint.
+    # The damping is undetermined only if all tests prescribe the displacement of the joint.
     forced = all("zeta" not in part.informs for part in parts)
     omega_n = known.get("omega_n")
     if not omega_n:
@@ -162,7 +162,7 @@ def joint_box(
     bounds |= _shared(kinds, bounds, stated_prior, omega_n)
     for law in kinds:
         law_bounds = {name: bounds[name] for name in law.names()}
-        # Default bounds do not let a law diverge; only stated ones may.
+        # With default bounds a law cannot diverge; with stated bounds it may.
         stated = {
             name: stated_prior.get(name, (max(pair[0], 0.0), pair[1]))
             for name, pair in law_bounds.items()

@@ -37,10 +37,11 @@ from jbw.quantities import MODAL
 
 # parameters that frequency and damping against amplitude do not determine
 BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}
-# random points of the prior; starts, evaluations of each and relative tolerance of a fit
+# number of random points of the prior; of a fit: number of starts, evaluations per start, relative
+# tolerance
 POINTS, STARTS, EVALUATIONS, TOLERANCE = 256, 2, 40, 1e-6
-# Errors of a law's equivalent stiffness and loss, relative to their changes over the amplitudes,
-# because a record is no motion of constant amplitude; then relative to their means.
+# Errors of a law's equivalent stiffness and loss. OF_CHANGE is relative to their changes over the
+# amplitudes, because the amplitude of a record is not constant. OF_MEAN is relative to their means.
 OF_CHANGE, OF_MEAN = 0.01, {"stiffness": 1e-7, "loss": 2e-3}
 
 

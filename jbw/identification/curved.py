@@ -1,4 +1,4 @@
-r"""First answers whose posterior is curved: weighted points in place of the fit's Gaussian.
+r"""Quick results for a curved posterior: weighted points instead of a Gaussian at the fit.
 
 Two standard deviations from the fit, along each principal axis of its covariance, a Gaussian
 posterior has

@@ -171,7 +171,7 @@ def within_response(
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
 ) -> Amendment | None:
-    """Return the change of findings that rates parameters usable if their effect is determined.
+    """Return an amendment that rates parameters usable if the data determine their effect.
 
     The effect is determined if the 99 % intervals of frequency and damping at the largest fitted
     displacement are narrow. Parameters that are open there change no response up to that

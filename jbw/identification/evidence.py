@@ -64,7 +64,7 @@ MOST_ROUNDS = 24
 AT_BOUND = 1e-3
 # relative standard deviation of omega_n between runs, typical of runs on different days
 RUN_SCATTER = 5e-4
-# how several modes may have separate joints, in words
+# additions to the name of laws, which state how several modes have separate joints
 MEET = {"apart": OF_EACH_MODE, "first": IN_FIRST_MODE}
 OF_JOINT = frozenset(name for names in NAMES for name in (names.sign, names.shape, names.coupling))
 # Largest number of rounds; in each one, all laws are fitted with the error weights of the best law.
@@ -72,7 +72,7 @@ MOST_TURNS = 2
 # A law is hopeless, that is, it does not fit at all, if its largest likelihood is this many nats
 # below that of the best law and its error is this many times that of the best law.
 FAR_BELOW, FAR_OFF = 100.0, 2.0
-FEW_DRAWS = 50  # number of draws in each group of draws from a hopeless law's fit
+FEW_DRAWS = 50  # number of draws per group from the fit of a law that does not fit at all
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """The laws' name, with how modes share joints where this differs from the campaign."""
+        """The laws' names, and the way in which modes share joints if it is not the campaign's."""
         return name_of(self.laws, self.meet)
 
     @property
@@ -223,8 +223,8 @@ def trials(sets: Sequence[Laws], seen: Measured) -> list[tuple[Laws, str]]:
     plain = [(laws, "") for laws in sets]
     if seen.modes is None or seen.modes.meet != "common" or not seen.laws:
         return plain
-    # Free decays allow one joint only, because uncoupled modes are each identified in a band of
-    # their own.
+    # Free decays do not allow a separate joint for every mode, because uncoupled modes are
+    # identified one at a time, each in a separate band.
     ways = ("first",) if any(test.traits.is_free for test in seen.chosen) else tuple(MEET)
     return [*plain, *((seen.laws, meet) for meet in ways)]
 
@@ -250,7 +250,7 @@ def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
 
 
 def name_of(laws: Laws, meet: str = "") -> str:
-    """Return the name of the laws, with how modes share joints unless `meet` is empty."""
+    """Return the laws' names; unless `meet` is empty, add the way in which modes share joints."""
     return (" + ".join(laws) or "linear") + MEET.get(meet, "")
 
 

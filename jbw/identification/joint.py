@@ -60,7 +60,7 @@ READINGS_KEY = 200  # number from which the random key of the single-mode fits i
 
 @dataclass(frozen=True)
 class JointProblem:
-    """The input of a joint posterior: the data, and the knowledge from before the fit."""
+    """The input of a joint posterior: the data, the settings, and results of earlier fits."""
 
     data: Dataset  # the data of all fitted tests
     settings: Identify

@@ -45,8 +45,8 @@ LEVELS = np.linspace(0.0, 1.0, 9)[1:]
 # number of odd harmonics; the errors are then 1e-6 of frequency, and 1e-4 of damping at small slip
 NUM_HARMONICS = 3
 MAX_TURNS = 2  # largest number of turning points of a joint in a period
-NUM_FREE = 48  # smallest number of posterior draws for which mode shapes depend on amplitude
-# smallest number of posterior draws, per parameter, for which mode shapes depend on amplitude
+NUM_FREE = 48  # smallest number of posterior draws that give mode shapes against amplitude
+# smallest number of posterior draws per parameter that give mode shapes against amplitude
 SPARE = 3
 # names of the parameters of fully stuck modes
 STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)

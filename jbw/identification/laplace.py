@@ -59,7 +59,7 @@ NUM_CHAINS, NUM_DRAWS = 4, 1000  # numbers of chains and of draws, as in a sampl
 Points = Float[np.ndarray, "draw parameter"]
 SPARE = 8  # factor on the number of points, so that enough of them lie within the bounds
 NOTHING = 1e-9  # factor that suppresses offsets between runs
-LEAST = 12.0  # inverse variance of a uniform prior, in units of its squared width
+LEAST = 12.0  # inverse variance of a uniform prior, multiplied by the prior's squared width
 
 
 def fit_alone(

@@ -41,7 +41,7 @@ from jbw.oscillator.laws import quantities_of
 from jbw.results.attributes import DrawnPosterior
 
 # Settings for the posterior without one run: points per round, required number of effective points,
-# and largest number of rounds (True: with integration in time).
+# and largest number of rounds, by whether the likelihood integrates in time.
 SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
 
 

@@ -115,7 +115,7 @@ def _thirds(data: Dataset) -> list[tuple[str, ...]]:
 def leave_one_out(
     best: Fit, prior: Box, data: Dataset, without_each: FitsWithout
 ) -> xr.Dataset | None:
-    """Compare the fits without each run with the fit to all runs.
+    """Compare, for each run, the fit without this run with the fit to all runs.
 
     `without_each` comes from `fits_without_each_run`. `z` is NaN where a run adds nothing; `error`
     is that of a run predicted by the fit without it. At least two runs must remain, so that no fit
@@ -275,7 +275,7 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
 
 
 def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the products of the laws, and zeta, at a fit, with standard deviations."""
+    """Return zeta and the products of the laws' parameters at a fit, with standard deviations."""
 
     def quantities(point: Mapping[str, Array]) -> dict[str, Array]:
         theta = {**as_arrays(fitted.theta, data), **point}
@@ -292,7 +292,7 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
 def _scatter(
     estimate: Float[np.ndarray, " record"], std: Float[np.ndarray, " record"]
 ) -> tuple[float, float]:
-    """Return how much records vary beyond their errors, and the probability of this by chance."""
+    """Return the standard deviation between records beyond their errors, and its p-value."""
     degrees = len(estimate) - 1
 
     def beyond(variance: float) -> float:

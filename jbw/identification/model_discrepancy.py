@@ -93,8 +93,8 @@ from jbw.report.messages import discrepancy as messages
 # probability below this.
 BY_CHANCE = 0.01
 NO_OFFSET = 1e-9  # factor that suppresses offsets between runs
-# Smallest number of fits without a run. With fewer, each fit has only one or two levels, and its
-# derivatives do not give the errors of its parameters.
+# Smallest number of fits that each leave out one run. With fewer fits, each fit has only one or two
+# levels, and the derivatives of the fit do not give the errors of its parameters.
 FEWEST_FITS = 3
 # smallest number of degrees of freedom from which a variance between runs is estimated
 FEWEST_DEGREES = 3
@@ -320,7 +320,7 @@ def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
 
 
 def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) -> LeftOutRun:
-    """Return the errors of frequency, damping and response of a run, at the fit without it."""
+    """Return errors of frequency, damping and response of a run that the given fit leaves out."""
     data, names = known.data, list(fit.theta)
     rows = residual_at(stacked, fit.x, prior, data)
     sizes, pairs = size_by_label(data), zip(data.labels, data.runs, strict=True)

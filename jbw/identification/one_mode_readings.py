@@ -37,7 +37,8 @@ from jbw.report.messages import joint as messages
 
 LAW = BoucWenLaw.name
 HALF = 0.5  # starting value of a law's stiffness, relative to that of the fully stuck joint
-# Above this slip, single modes do not determine sums over the joints, and nothing is tested.
+# Above this slip of a fitted law, fits of single modes do not determine sums over the joints, and
+# the joints are not tested.
 WEAK = 0.3
 
 under_way = logging.getLogger("jbw.progress")
@@ -109,7 +110,7 @@ def _source(test: Test) -> np.ndarray:
 def _reading(
     key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: Modes
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Fit a law to a sweep through a mode; return two products, their errors and the law's slip.
+    """Fit a law to a sweep through a mode; return products s and o, their errors, the law's slip.
 
     The products are s = alpha delta |c| and o = alpha gamma |c|.
     """

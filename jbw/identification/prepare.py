@@ -234,9 +234,10 @@ def refined(key: Key[Array, ""], data: Dataset, prior: Box, best: Fit) -> Datase
     data = dataset.remembering(best.theta, data)
     if dataset.halved(data) is None:
         return data
-    # Draws with the covariance of the fit lie outside a curved posterior: the median of their log
-    # likelihood is then farther below that of the fit than one per parameter (a Gaussian has one
-    # half). Every posterior is nearly Gaussian close to the fit, so their steps are reduced.
+    # If the posterior is curved, draws with the covariance of the fit lie outside the posterior.
+    # Their median log likelihood is then lower than that of the fit by more than 1 per parameter
+    # (by 1/2 for a Gaussian). The steps are then shortened: close to the fit every posterior is
+    # nearly Gaussian.
     steps = steps_about(key, best, NUM_DRAWS)
     values = at_points(dataset.log_likelihood, points_at(steps, best, prior), data).sum(axis=1)
     near = 1.0 if values[0] - np.median(values) <= len(best.theta) else NEAR

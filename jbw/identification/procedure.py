@@ -188,9 +188,9 @@ def _joint(key: Key[Array, ""], seen: Measured, run_knowledge: Known, report: Re
             raise ConfigError(
                 f"The run sampled the parameters {', '.join(run_knowledge.bounds)}, but the "
                 f"campaign has the parameters {', '.join(prior.names)}.",
-                why="The campaign is not the campaign of the run, or was changed after the run.",
-                remedy="Give the run's campaign file by --campaign, or a campaign file in place of "
-                "the run.",
+                why="This is not the run's campaign file, or the file was changed after the run.",
+                remedy="Give the run's campaign file with --campaign, or a campaign file in place "
+                "of the run.",
             )
         lower, upper = zip(*(run_knowledge.bounds[name] for name in prior.names), strict=True)
         prior = Box(prior.names, jnp.asarray(lower), jnp.asarray(upper))

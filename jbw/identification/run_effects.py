@@ -131,7 +131,7 @@ def wanted(shifts: Shifts, settings: Identify) -> bool:
 
 
 def are_levels(data: Dataset) -> bool:
-    """Return whether all runs are levels of one assembly, because the campaign states no runs."""
+    """Return whether all runs are levels of one assembly: true if the campaign states no runs."""
     pairs = (
         (x, run)
         for part in data.parts
@@ -167,7 +167,7 @@ def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | No
 def moments_of(
     offset: Float[np.ndarray, " run"], std: Float[np.ndarray, " run"]
 ) -> tuple[float, float]:
-    r"""Return the chi-square of the runs' offsets, and the derivative by the offsets' variance.
+    r"""Return chi-square of the runs' offsets, and its derivative with respect to their variance.
 
     $$Q = \sum_r w_r (b_r - \bar b)^2, \qquad W - \sum_r w_r^2 / W, \quad w_r = 1 / \sigma_r^2$$
     """
@@ -213,7 +213,7 @@ def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
 
 
 def _centre(best: Fit) -> Float[np.ndarray, " own"]:
-    """Return omega_n and zeta of a fit, of the first drive if there are several."""
+    """Return omega_n and zeta of a fit; if it has several drives, those of the first drive."""
     theta = {plain(name): value for name, value in reversed(best.theta.items())}
     return np.array([theta[name] for name in OFFSETS])
 
@@ -277,7 +277,7 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
 
 
 def _drawn(keys: Key[Array, " draw"], estimate: Estimate, data: Dataset) -> Spread:
-    """Draw the standard deviations between runs and all runs' offsets, for each random key."""
+    """Draw all runs' offsets, and the standard deviations between runs, for each random key."""
     return _spreads(keys, jax.device_put(estimate), data.levels, data.scatters)
 
 

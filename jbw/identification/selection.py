@@ -25,7 +25,7 @@ class Sweeps:
 
 
 def fitted(tests: Sequence[Test], settings: Identify) -> list[Test]:
-    """Return the tests that `fit` and `hold_out` leave to be fitted."""
+    """Return the tests to fit, according to the settings `fit` and `hold_out`."""
     names = [test.name for test in tests]
     unknown = [name for name in settings.hold_out if name not in names]
     if unknown:

@@ -114,10 +114,10 @@ def _modes(
 def _driven(
     voltage: Float[np.ndarray, " time"], fs: float, band: tuple[float, float]
 ) -> tuple[float, float]:
-    """Return the band, widened on each side by 1.5 of its widths or to where the voltage ends.
+    """Return the band, widened by 1.5 times its width on each side, but only where voltage acts.
 
-    It is widened by at most an octave, because noise of a sensor at low frequencies is a large
-    displacement.
+    The band is widened by at most an octave, because noise of a sensor at low frequencies is a
+    large displacement.
     """
     reach = WIDER * (band[1] - band[0])
     freq = np.fft.rfftfreq(len(voltage), 1 / fs)

@@ -11,8 +11,8 @@ from jbw.oscillator.modes.assembled import is_assembled, num_modes
 from jbw.quantities import joints_of
 from jbw.report.messages import stages
 
-# Time of one solver step per joint [ns]: of its laws, and of each mode that it moves. Measured on
-# one core for one or two Bouc-Wen joints and 1 to 14 modes, within 15 %.
+# Time of one solver step [ns] for each joint: for the laws of the joint, and for each mode that the
+# joint moves. Accurate to 15 % for one or two Bouc-Wen joints and 1 to 14 modes on one core.
 LAWS_NS, MODE_NS = 9.0, 4.3
 EVALUATIONS = 5000  # number of evaluations of the model in a usual first fit
 LONG_S = 120.0  # time of a fit [s] from which a lower sampling rate is proposed
@@ -35,7 +35,7 @@ def announced(
 
 
 def _solver_steps(part: Any) -> int:
-    """Return the number of solver steps that predict a part of the dataset; 0 without any."""
+    """Return the number of solver steps for one prediction of a data part; 0 without laws."""
     held = getattr(part, "held", None)  # the input of records over time; free decays have none
     num_samples = getattr(part, "num_samples", 0) if held is None else held.samples.size
     return num_samples * (part.substeps or 0) if part.laws else 0

@@ -30,7 +30,9 @@ from jbw.report.messages import modes as messages
 # A mode moves the joint if chance alone improves the fit as much with a probability below this.
 BY_CHANCE = 0.01
 BARE = ("", "none", "force", BASE)  # drives with which the shaker's dynamics do not matter
-ROUGH = 1e-6  # relative tolerance of the sum of squares and of the step, in fits with another sign
+# relative tolerance of the sum of squares and of the step, in fits that only show whether the sign
+# of a mode is wrong or a mode moves the joint
+ROUGH = 1e-6
 
 
 def modes_of(
@@ -239,7 +241,7 @@ def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
 
 
 def _invariants(laws: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Return parameters, or ratios of two, that do not depend on the units of length and force."""
+    """Return parameters and ratios of parameters that are free of units of length and force."""
     invariants: dict[str, tuple[str, ...]] = {}
     by_unit: dict[str, str] = {}
     for quantity in quantities_of(laws):

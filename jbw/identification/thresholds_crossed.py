@@ -28,7 +28,7 @@ SHARES = np.linspace(0.125, 1.0, 8)  # fractions of the distance from a fit to a
 
 
 def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
-    """Return likely starting values on the other sides of the laws' thresholds."""
+    """Return likely starting values whose motion exceeds other thresholds than that of the fit."""
     here = reached(best.theta, best.theta, data)
     law_names = {quantity.name for law in laws_named(data.laws) for quantity in law.table} & set(
         prior.names

@@ -25,8 +25,8 @@ Laws = tuple[str, ...]
 # With wider bounds, the frequency and damping of a neighbouring mode would move far away and hide
 # an error of the law.
 PLACES = frozenset(name for omega, zeta, _ in MODES for name in (omega, zeta))
-# Frequencies of further modes of the joint keep their bounds, and their motions have separate
-# priors.
+# Parameters whose bounds are never widened: also the frequencies of additional modes that move the
+# joint, and the joint's motion in these modes, which has a separate prior.
 KEPT = PLACES | {quantity.name for mode in BESIDE for quantity in (mode[0], *mode[3:])}
 
 

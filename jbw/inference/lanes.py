@@ -83,7 +83,7 @@ def at_points(
     count = len(next(iter(theta.values())))
     solver, given_up = getattr(function, "solver", None), _GIVEN_UP.get()
     cores = num_cores()
-    threads = max(cores // -(-count // LANES), 1)  # for each lot of a solver
+    threads = max(cores // -(-count // LANES), 1)  # number of threads for one lot of points
 
     def directly(lot: Mapping[str, np.ndarray]) -> Any:
         return _values(function, _on_device(lot), data)

@@ -230,7 +230,7 @@ def _of_answers(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_targets(rows: Rows, best: str) -> Iterator[str]:
-    """Yield a sentence if other laws predict stronger tests, or other kinds of test, better."""
+    """Yield a sentence if another law predicts stronger tests, or tests of other kinds, better."""
     for target in TARGETS:
         shares = weights_for(rows, target)
         if shares and best not in shares:
@@ -250,7 +250,7 @@ def _of_errors(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_parameters(rows: Rows) -> Iterator[str]:
-    """Yield sentences on truncated parameters and thresholds of laws that are not rated worse."""
+    """Yield sentences on truncated parameters and thresholds of all laws except worse ones."""
     for name, row in rows.items():
         if row.answer == "worse":
             continue

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from jbw.measurement.records import BASE, Record
 
-MINUS_BASE = "input"  # role of -a_b
+MINUS_BASE = "input"  # channel role of -a_b, the negative base acceleration
 
 
 def beside_base(record: Record, *, is_relative: bool) -> Record:

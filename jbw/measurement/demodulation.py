@@ -10,7 +10,7 @@ from scipy.signal import fftconvolve, firwin, kaiser_beta, kaiserord
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, whole_down
 
-ATTENUATION = 80.0  # dB, outside the band
+ATTENUATION = 80.0  # attenuation outside the band [dB]
 # largest ratio of a record's sampling rate to half the band's width; the filter is longer by a
 # factor of five
 MOST_TAPS = 2**24

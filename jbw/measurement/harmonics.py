@@ -32,8 +32,8 @@ class Harmonics:
     drift_std: Reals  # standard deviation of `drift` from noise alone
     residual_std: Reals  # rms of the residual of the fit, in the measured unit
     cycles: float  # number of periods in the record
-    # distance from omega to the nearest Fourier line, in lines; this distance causes no leakage in
-    # the fit
+    # distance from omega to the nearest Fourier line, in lines; unlike a Fourier transform, the fit
+    # has no leakage at any distance
     off_bin: float
 
     @property
@@ -125,7 +125,7 @@ def harmonics(
         warnings.warn(
             f"The first harmonic at {omega / (2 * np.pi):.4g} Hz changes by "
             f"{np.max(result.drift):.1%} from one half of the record to the other: a transient is "
-            "left, or the frequency is not exact. Discard more with `start`.",
+            "left, or the frequency is not exact. Discard more of the record with `start`.",
             stacklevel=2,
         )
     return result
@@ -232,7 +232,7 @@ def _drift(y: Reals, t: Reals, tones: Tones) -> tuple[Reals, Reals]:
 
 
 def _refined(y: Reals, t: Reals, tones: Tones) -> Tones:
-    """Return the tones with a corrected omega, with which Y_1 has the same phase in both halves."""
+    """Correct omega of the tones, so that Y_1 has the same phase in both halves of the record."""
     half = len(t) // 2
     for _ in range(4):
         first, second = (part.amplitudes[..., 0] for part in _halves(y, t, tones))

@@ -51,7 +51,7 @@ class Kind(NamedTuple):
 
     @property
     def is_plain(self) -> bool:
-        """Whether the kind sets no property, so that only its observable defines its treatment."""
+        """Whether the kind has no trait; its tests are then treated as their observable defines."""
         return True not in self
 
 

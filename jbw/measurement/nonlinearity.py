@@ -54,7 +54,7 @@ from jbw.report.messages import look as messages
 
 # largest number of samples, of all channels of a test, that are kept in memory for a comparison
 MOST_SAMPLES = 2**23
-# Records whose source varies by more than this, relative to its size, are no repeats.
+# Records do not count as repeats if their sources differ by more than this relative amount.
 SAME_SOURCE = 0.1
 ABOVE_NOISE = 5.0  # smallest reported harmonic, in standard deviations of its noise
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
@@ -68,8 +68,8 @@ PERIODS = 10.0  # number of periods of the source in a window
 SPACING = 0.5  # distance of windows, divided by their length
 QUIET = 0.02  # Below this fraction of its largest amplitude, the source drives nothing.
 FEWEST = 4  # smallest number of windows in a sweep
-# largest median residual of a tone with its harmonics, fitted in each window of a sweep, relative
-# to the source; a source with a larger one is not a sweep
+# Largest median residual of a tone with harmonics, relative to the source, fitted in each window of
+# a sweep. A source with a larger residual is not a sweep.
 MOST_STRAY = 0.1
 
 

@@ -39,7 +39,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "time": ("time",),
 }
 ROLES = tuple(QUANTITIES)
-NUMBERED = re.compile(r" \(\d+\)")  # addition to the name of a further test of one name
+NUMBERED = re.compile(r" \(\d+\)")  # suffix that distinguishes tests of the same name
 COUNTED = "none: samples of a loop without times are counted"
 # Largest relative difference of two clocks: quartz is accurate to 1e-5 or better, a
 # microcontroller's timer to 1e-4.
@@ -185,7 +185,7 @@ class Test:
 
     @property
     def is_single_tone(self) -> bool:
-        """Whether a single steady tone is played; such tests of one level together form a curve."""
+        """Whether a single steady tone is played; single tones of one level form a curve."""
         return self.traits.is_steady and not self.traits.is_stepped and len(self.tones_hz) == 1
 
     @property

@@ -30,7 +30,7 @@ from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.spans import unbroken_line
 from jbw.report.messages import reading as messages
 
-REACH = 32  # samples on either side
+REACH = 32  # number of samples on either side from which a value is interpolated
 BETA = 10.0  # shape of the Kaiser window
 CHUNK = 1 << 14  # number of samples that are interpolated at once
 MILLION = 1e6
@@ -41,7 +41,9 @@ BLOCK, OVERLAP = 1 << 15, 128
 DAMPED = 1e-4  # weight that keeps values finite at places where no sample determines them
 HELD_OUT = 8  # Every eighth sample is held out to estimate the error.
 LARGEST_ERROR = 0.5  # largest error of a fitted signal, divided by its rms
-NEAR = 2e-3  # A rate this close to a whole number of hertz, relatively, counts as that number.
+# A rate is rounded to a whole number of hertz if it differs from that number by less than this
+# fraction.
+NEAR = 2e-3
 PAUSE = 1.5  # A step of uneven times that exceeds this number of usual steps is a pause.
 ABOVE = 1.05  # highest rate for resampling, as a multiple of the usual rate of uneven samples
 OF_RESPONSE = (*RESPONSES, "drive_point")  # roles that the response's recorder samples
@@ -90,7 +92,7 @@ def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
     if len(x) < 2 * REACH * ratio:
         raise DataError(
             f"{len(x)} samples are too few to be resampled from {fs:g} to {new_fs:g} Hz.",
-            remedy="Measure longer, or at one rate.",
+            remedy="Measure longer, or measure all channels at the same rate.",
         )
     y = interpolated(x, np.arange(size) * (fs / new_fs), ratio)
     lost = np.sqrt(max(0.0, 1 - np.var(y) / max(float(np.var(x)), 1e-300)))
@@ -120,8 +122,9 @@ def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tu
     error = float(np.std(met - x[out]) / max(float(np.std(x[out])), 1e-300))
     if not error < LARGEST_ERROR:
         raise DataError(
-            f"Resampling fails: a signal below {PASSED * rate / 2:.4g} Hz, fitted without some of "
-            f"the samples, differs from the omitted samples by {100 * error:.3g} % of their rms.",
+            f"Resampling fails: a signal below {PASSED * rate / 2:.4g} Hz, fitted without every "
+            f"{HELD_OUT}th sample, differs from the omitted samples by {100 * error:.3g} % of "
+            "their rms.",
             why=f"The samples are up to {1e3 * pause:.3g} ms apart, so faster parts of the signal "
             "cannot be recovered.",
             remedy=_without_pauses(time, begins),
@@ -139,7 +142,7 @@ def _rate_through(time: Reals, new_fs: float) -> float:
 def resample_line(time: Reals) -> str:
     """Return the campaign line for resampling uneven samples, with its frequency limit."""
     fs = proposed_rate(time)
-    return f"`resample = {fs:.9g}`, good below {PASSED * _rate_through(time, fs) / 2:.3g} Hz"
+    return f"`resample = {fs:.9g}`, accurate below {PASSED * _rate_through(time, fs) / 2:.3g} Hz"
 
 
 def _without_pauses(time: Reals, begins: float) -> str:
@@ -158,7 +161,7 @@ def proposed_rate(time: Reals) -> float:
 
 
 def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
-    """Return the values at new times of the band-limited signal through uneven samples."""
+    """Fit a band-limited signal to uneven samples; return its values at new times."""
     last = max(float(time[-1]), float(at[-1]))
     size = int(np.ceil(last * rate)) + 1
     mean, scale = float(np.mean(x)), float(np.std(x)) or 1.0
@@ -187,7 +190,7 @@ def _blocks(size: int) -> Iterator[tuple[int, int]]:
 
 
 def _matrix(place: Reals, size: int) -> scipy.sparse.csr_array:
-    """Return the matrix that interpolates values at unit distance (columns) to places (rows)."""
+    """Return the matrix that interpolates values at whole numbers (columns) at places (rows)."""
     nearest = np.floor(place).astype(int)
     columns = nearest[:, None] + np.arange(1 - REACH, REACH + 1)
     inside = (columns >= 0) & (columns < size)

@@ -24,7 +24,7 @@ from jbw.quantities import derivative_order
 from jbw.report.messages import reading as messages
 
 WIDE = 0.15  # half width of the band for the first fit, divided by the peak's frequency
-HALF_WIDTHS = 6.0  # half width of the later fits, as a multiple of zeta omega_n
+HALF_WIDTHS = 6.0  # half width of the band of all fits after the first, over zeta omega_n
 # smallest numbers of lines of a time record, and of points of a curve
 LEAST_LINES, LEAST_POINTS = 12, 6
 ROUNDS = 3  # number of fits, each in a narrower band about the resonance
@@ -207,7 +207,7 @@ def _through(
 
     Standard deviations are those of the linear least squares, from its residual.
     """
-    # The third end term is the difference between a velocity or acceleration and a displacement.
+    # The end term 1 / (i omega) comes from the integration of a measured velocity or acceleration.
     ends = [] if is_curve else [np.ones_like(y), 1j * omega, 1 / (1j * omega)]
     columns = np.column_stack([y, 1j * omega * y, -source, *(-column for column in ends)])
     scale = np.linalg.norm(columns, axis=0)

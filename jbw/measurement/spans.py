@@ -17,7 +17,9 @@ from jbw.measurement.spectra import strongest_line
 from jbw.report.messages import reading as messages
 from jbw.report.messages import remedies
 
-DIGITS = 6  # digits of the ends of a proposed span, relative to its length
+# number of digits to which the ends of a proposed span are rounded, counted from the first digit of
+# the span's length
+DIGITS = 6
 LEAST = 0.05  # share of a record below which a part is not worth keeping
 MOST = 0.1  # share of the response's energy below which a part is not worth keeping
 SPAN = "span"  # key of a record's provenance

@@ -123,7 +123,7 @@ def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) 
 
 
 class _WeightedPart(NamedTuple):
-    """One part of a record, with the columns of the fit of lines and a decay to it."""
+    """One part of a record, and the columns with which lines and a decay are fitted to the part."""
 
     columns: Float[np.ndarray, "time column"]
     part: Reals

@@ -423,7 +423,7 @@ def require_same_inputs(campaign: Campaign, summary: RunSummary) -> None:
         raise ConfigError(
             f"The campaign {campaign.name} has other records than the run: {len(now - then)} of "
             f"its {len(now)} files are new or were changed.",
-            remedy="Give the run's campaign file by --campaign, or a campaign file in place of "
+            remedy="Give the run's campaign file with --campaign, or a campaign file in place of "
             "the run.",
         )
 

@@ -22,7 +22,7 @@ ROW = "| {} | {} | {} | {} | {} | {} | {} |"
 QUESTIONS = ("sampling", "law", "knowledge")
 ANSWERS = " / ".join(QUESTIONS)
 HEAD = (
-    "structure", "identified [99 % interval]", "fitted [%]", "held out [%]", "bands hold [%]",
+    "structure", "identified [99 % interval]", "fitted [%]", "held out [%]", "inside bands [%]",
     ANSWERS, "time [s]",
 )  # fmt: skip
 # What each campaign's data know, with the factor and the unit it is written in.

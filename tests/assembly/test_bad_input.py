@@ -247,7 +247,7 @@ def test_unknown_units_and_unknown_rows_are_refused():
 def test_matrices_of_other_shapes_and_numbers_are_refused():
     with pytest.raises(DataError, match="must be square"):
         three(mass=np.ones(3))
-    with pytest.raises(DataError, match="one size"):
+    with pytest.raises(DataError, match="the same size"):
         three(stiffness=np.eye(2))
     with pytest.raises(DataError, match="finite"):
         three(stiffness=STIFFNESS * np.nan)

@@ -192,7 +192,9 @@ EXAMPLES = {
     "reading": [
         *reading.none_decays("hits"),
         reading.times_or_rate('{ time = "t", velocity = "v" }'),
-        reading.resample_or_part("`resample = 1024.0`, good below 300 Hz", "`span = [0.0, 1.9]`"),
+        reading.resample_or_part(
+            "`resample = 1024.0`, accurate below 300 Hz", "`span = [0.0, 1.9]`"
+        ),
         reading.part_or_higher_rate("Put under [[test]]: `span = [0.0, 1.9]`"),
         reading.coarse_times(40000.0),
         *reading.time_without_unit("time", [10, 20, 30], "ms"),

@@ -33,7 +33,7 @@ def contents(path: Path) -> MatrixFile:
             if len(fields) > 2 and fields[2] in _COMPLEX:
                 raise DataError(
                     f"Matrix {name} of {path.name} must be real, but is complex.",
-                    remedy="Export it without structural damping.",
+                    remedy=f"Export matrix {name} without structural damping.",
                 )
             continue
         try:
@@ -84,7 +84,7 @@ def _entries(path: Path) -> Iterator[list[str]]:
 
 
 def _joined(fields: list[str]) -> list[str]:
-    """Return the fields of an entry, without the empty one that follows the column's component."""
+    """Return the fields of an entry; omit the empty field after the component of a column."""
     name, grid, component, *rest = [*fields, "", "", ""]
     if grid in ("", "0"):
         return [name, "0", component, *rest]

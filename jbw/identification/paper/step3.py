@@ -99,7 +99,7 @@ def _product(measured: ThirdOrder, linear: PooledFit) -> float:
 
 
 def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder:
-    r"""Return the kernel from one test, with the receptance of a joint softened by the test's tone.
+    r"""Return the kernel measured in one test, with the receptance that the test's tone softens.
 
     $$\frac1{H(3\omega)} = \frac1{H_1(3\omega)} - \frac{2\,\alpha\delta\,|Y_1|}{\pi}$$
 

@@ -104,7 +104,7 @@ def misfit(gamma: Float[Array, ""], curve: OpeningCurve) -> Float[Array, " level
 
 
 def log_likelihood(theta: Mapping[str, Array], curve: OpeningCurve) -> Float[Array, " level"]:
-    """Return the log likelihood of each level, with noise integrated out under 1/sigma.
+    """Return the log likelihood of each level; noise is integrated out with the prior 1/sigma.
 
     Reference:
         Eq. (37), on the velocity as in (41).
@@ -159,8 +159,8 @@ def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
         found,
         covariance=covariance,
         weak=weak_direction(found.theta, covariance, prior),
-        # The information is divided equally between the levels, so that each level has its own
-        # residual.
+        # The Jacobian has one row per level, like the residual. Each level gets an equal part of
+        # the information.
         jacobian=np.full((levels, 1), np.sqrt(information / levels)),
     )
 

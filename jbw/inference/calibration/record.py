@@ -213,7 +213,7 @@ def _stays_inside(num_replications: int, num_ranks: int, gamma: float) -> float:
     for i in range(num_ranks):
         next_count = np.arange(lower[i], upper[i] + 1)
         step, remaining = next_count - count[:, None], (num_replications - count)[:, None]
-        # probability that one of the remaining ranks is the next value
+        # probability that a rank has value i, given that it has no smaller value
         share = 1 / (num_ranks + 1 - i)
         possible = (step >= 0) & (step <= remaining)
         k = np.where(possible, step, 0)

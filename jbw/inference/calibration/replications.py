@@ -46,7 +46,7 @@ from jbw.results.attributes import DrawnPosterior
 
 LOG_LIKELIHOOD = "log_likelihood"
 NUM_RANKS = 100  # number of draws among which a true value is ranked
-TAIL = 0.005  # probability outside a 99 % interval on either side
+TAIL = 0.005  # probability in each tail outside a 99 % interval
 Quantity = Callable[[Theta, PyTree], Float[Array, ""]]
 Report = Callable[[int], None]
 HALVINGS = 100
@@ -225,8 +225,9 @@ def _check(model: Model, num_replications: int, batch: int) -> None:
     twice = {*model.quantities} & {*model.box.names, LOG_LIKELIHOOD}
     if twice:
         raise ConfigError(
-            f"Quantity {sorted(twice)[0]!r} has the name of a quantity that is always ranked.",
-            remedy="Give the quantity another name than a parameter or the log likelihood.",
+            f"Quantity {sorted(twice)[0]!r} has a reserved name, that of a parameter or of the "
+            "log likelihood.",
+            remedy="Rename the quantity.",
         )
 
 

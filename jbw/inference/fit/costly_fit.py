@@ -112,7 +112,7 @@ def fits_of(
     max_evaluations: int,
     tolerance: float,
 ) -> list[Fit]:
-    """Fit from each start separately, as `costly_fits`, by a function of search coordinates."""
+    """Fit from each start separately; the residual is a function of search coordinates."""
     inside = np.stack([to_search(start, box) for start in named_starts(starts, box)])
 
     def from_start(start: NDArray[np.float64], evaluate: Evaluate) -> Fit | None:
@@ -124,8 +124,9 @@ def fits_of(
     if not fits:
         raise ModelError(
             f"The residual is not finite at any of the {len(ends)} starts.",
-            remedy="Look at the data with `jbw check`, for swapped channels, units or NaN, and at "
-            "the bounds for parameters that cannot be solved.",
+            remedy="Check the data with `jbw check` for swapped channels, wrong units and NaN. "
+            "Check whether the prior bounds contain parameters for which the model has no "
+            "solution.",
         )
     first, num_refused = fits[0], len(ends) - len(fits)
     return [
@@ -247,7 +248,7 @@ def trust_region(
 def residual_at(
     residual: Residual, x: NDArray[np.float64], box: Box, data: PyTree
 ) -> NDArray[np.float64]:
-    """Return the residual at normalised coordinates x, by the compiled program of the fit."""
+    """Compute the residual at normalised coordinates x with the compiled program of the fit."""
     return evaluator(residual, box, data)(to_search(x, box), 0)
 
 
@@ -314,7 +315,7 @@ def _slope(
 
 
 def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: int) -> Solved | None:
-    """Return the data with costly predictions computed in advance if the residual supports it."""
+    """Return data with costly predictions computed in advance; None without a solver for them."""
     residual, data = residual_and_data
     solver = getattr(residual, "solver", None)
     if solver is None or (solved := solver(theta, data, threads)) is None:
@@ -323,7 +324,7 @@ def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: in
 
 
 def _seen(residual_and_data: tuple[Residual, Any]) -> tuple[Residual, Any]:
-    """Return the residual with only those data on which it depends."""
+    """Return the residual function, and only those data that the function uses."""
     residual, data = residual_and_data
     return residual, seen_by(residual, data)
 

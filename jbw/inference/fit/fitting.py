@@ -118,7 +118,8 @@ def fit(
     raise ModelError(
         f"The residual and its derivatives are not finite at the end of any of the {len(costs)} "
         "fits.",
-        remedy="Check the data for NaN, and the bounds for parameters that cannot be solved.",
+        remedy="Check the data for NaN. Check whether the prior bounds contain parameters for "
+        "which the model has no solution.",
     )
 
 

@@ -33,7 +33,7 @@ NEAR = 0.2  # An exponent closer than this to a multiple of 1/2 is rounded to it
 # fraction of the prior range (or of the posterior's width, if smaller) that is removed at one end
 CUT = 0.1
 WIDTH = 8.0  # width of a posterior in standard deviations
-FOLLOWS = 0.1  # smallest reported shift of a mean, in sd; that of a uniform posterior is 0.17
+FOLLOWS = 0.1  # smallest reported shift of a posterior mean, in sd; a uniform one shifts by 0.17
 LEAST_SHARE = 0.01  # smallest fraction of the draws that must remain after a cut
 
 Draws = Mapping[str, Float[np.ndarray, "..."]]
@@ -89,7 +89,7 @@ def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.b
 
 
 def _weak(posterior: Matrix, logs: NDArray[np.bool_], box: Box) -> WeakDirection | None:
-    """Return the least determined directions of a covariance; some parameters are logarithms."""
+    """Return the least determined directions of a covariance of parameters or their logarithms."""
     bounds = bounds_by_name(box).values()
     prior = np.array(
         [
@@ -123,7 +123,7 @@ def _determined(
     directions: Float[np.ndarray, "parameter weak"],
 ) -> Float[np.ndarray, "combination parameter"]:
     """Return the exponents of each combination of parameters that the data determine."""
-    # All combinations may contain the parameters that vary most along the weak directions.
+    # Each combination may contain any of the parameters that vary most along the weak directions.
     first = 1 / (1 + NEAR * np.arange(len(directions)))
     decomposition: Any = qr(directions.T * first, mode="r", pivoting=True)
     order = decomposition[1]
@@ -192,7 +192,7 @@ def contraction(draws: Draws, box: Box, products: Iterable[Product]) -> dict[str
 
 
 def _positive(draws: Float[np.ndarray, "..."], lower: float) -> bool:
-    """Return whether bounds make a parameter positive, or draws exclude that it is zero."""
+    """Return whether bounds make a parameter positive, or its draws lie clearly above zero."""
     if lower != 0:
         return lower > 0
     return bool(np.min(draws) > 0 and np.mean(draws) > RESOLVED * np.std(draws))

@@ -33,8 +33,8 @@ from jbw.report.messages.message import listed
 
 # largest exponent in a named combination; larger exponents only show that prior widths differ
 SENSIBLE = 10.0
-# Largest standard deviation of a named combination of parameters, divided by the standard deviation
-# along the direction in parameter space that the combination approximates.
+# Largest ratio of two standard deviations: of a combination of parameters that a sentence names,
+# and of the exact direction in parameter space that the combination approximates.
 AS_WELL = 2.0
 # Parameters compensate each other if the standard deviation of their product is less than this
 # fraction of each parameter's standard deviation.
@@ -203,7 +203,7 @@ def ties(spectrum: Information, products: Iterable[Product]) -> list[str]:
 
 
 def _kind(row: QuantityInformation) -> str:
-    """Return how well a quantity is identified, as one of the report's grades."""
+    """Return the grade of a quantity's identification, in the words of the report."""
     if _is_unlearnt(row):
         return "unknown"
     if row.relative <= KNOWN:

@@ -188,7 +188,8 @@ def _floor(
     r"""Fit the bottom c(q) of a valley to optima with slopes $-(J_o^T J_o)^{-1} J_o^T j_q$."""
     slopes, roots = [], []
     for point in points:
-        # If the model fails next to a point, only the prior range limits the other parameters.
+        # Where the model has no solution near a point, derivatives count as zero, so that only the
+        # prior range limits the other parameters.
         jacobian = np.nan_to_num(part(point, 1), posinf=0.0, neginf=0.0)
         others, held_column = np.delete(jacobian, held, axis=1), jacobian[:, held]
         covariance = np.linalg.inv(precision(others))

@@ -190,7 +190,7 @@ def shrunk(
     member = members(runs)
     slopes = [
         scatter[:, None] * direction for direction in directions
-    ]  # derivatives with respect to offsets divided by their scatter
+    ]  # derivatives with respect to offsets in units of their standard deviation
     precision = jnp.concatenate([jnp.einsum("gin,gjn->gij", slope, slope) for slope in slopes])
     pull = jnp.concatenate(
         [jnp.einsum("gin,gn->gi", slope, r) for slope, r in zip(slopes, residuals, strict=True)]

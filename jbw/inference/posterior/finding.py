@@ -157,7 +157,7 @@ class Amendment(NamedTuple):
 
 
 def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = ()) -> Verdict:
-    """Return the verdict on findings after amendments; not assessed if there are no findings."""
+    """Return the verdict on amended findings; it is `not assessed` if there are no findings."""
     in_order = [amendment for amendment in amendments if amendment is not None]
     judged = tuple(
         reduce(lambda finding, amendment: amendment.applied_to(finding), in_order, finding)
@@ -184,7 +184,7 @@ def worst_of(statuses: Collection[Status]) -> Status:
 
 
 def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
-    """Return an amendment that turns a failed finding into a usable one, within stated limits."""
+    """Return an amendment that makes failed findings usable; `limits` states the limits of use."""
     return Amendment(codes, "failed", "usable", limits)
 
 

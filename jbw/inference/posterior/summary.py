@@ -117,7 +117,7 @@ def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
     """
     from arviz_stats.base.array import array_stats  # an import of one second, needed only here
 
-    stats: Any = array_stats  # ArviZ annotates tuples, which are not returned in these calls.
+    stats: Any = array_stats  # ArviZ's annotations do not fit what these calls return.
     if draws.shape[1] < 4 or not np.all(np.isfinite(draws)) or np.any(np.ptp(draws, axis=1) == 0):
         return dict.fromkeys(DIAGNOSTICS, math.nan)
     return {

@@ -149,7 +149,7 @@ def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
 
 
 def bounds_findings(draws: Draws, box: Box, ending: Collection[str]) -> list[Finding]:
-    """Return a finding per prior bound that truncates the draws; without any, one ok finding."""
+    """Return a finding for each prior bound that truncates the draws, or a single ok finding."""
     findings, bounds = [], bounds_by_name(box)
     truncated = list(leaning(draws, box))
     for name, side, share in truncated:
@@ -239,7 +239,7 @@ def enough(draws: Draws) -> bool:
 
 
 def converged(facts: DrawnPosterior) -> bool:
-    """Return whether the stated error of a quadrature is small enough for a reference."""
+    """Return whether a quadrature's stated error is small enough to serve as a reference."""
     return facts.quadrature_error is not None and facts.quadrature_error <= QUADRATURE
 
 

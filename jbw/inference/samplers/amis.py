@@ -68,7 +68,7 @@ SURE_KHAT = 0.5  # k-hat below which weights have a finite variance
 
 
 class Options(NamedTuple):
-    """The options of AMIS: numbers of draws and points, and when to stop without success.
+    """The options of AMIS: numbers of draws and points, and limits for a stop without success.
 
     Attributes:
         num_samples: Number of draws of each group.
@@ -190,7 +190,7 @@ def _is_over(
 
 
 def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_points: int) -> Past:
-    """Return all points, including those of one more round, drawn from refitted mixtures."""
+    """Draw one more round of points from refitted mixtures; return the points of all rounds."""
     first = mixtures.standard(len(problem.box.names))
     pair = (first, first) if past is None else _next_pair(rng, past)
     half_size = max(num_points // 2, 1)

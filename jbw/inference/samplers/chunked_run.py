@@ -74,7 +74,7 @@ class Kept(Protocol):
         ...
 
     def save(self, arrays: Arrays, *, last: bool) -> None:
-        """Save the arrays in place of earlier ones; `last` if the chains are complete."""
+        """Save the arrays in place of earlier arrays; set `last` when the chains are complete."""
         ...
 
 
@@ -215,9 +215,9 @@ def _states(
         raise ModelError(
             f"The log likelihood is not finite at the start of {np.sum(~np.asarray(possible))} of "
             f"{len(possible)} chains.",
-            why="A sampler cannot leave a point that the model calls impossible.",
-            remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
-            "the model cannot solve.",
+            why="A sampler cannot move away from a point at which the posterior density is zero.",
+            remedy="Check the data for NaN and the noise for zero. Check whether the prior "
+            "contains parameters for which the model has no solution.",
         )
     if not before.done:
         return first

@@ -52,8 +52,8 @@ def require_possible(possible: bool) -> None:
     if not possible:
         raise ModelError(
             "The log likelihood is not finite at any evaluated point.",
-            remedy="Check the data for NaN, the noise for zero, and the prior for parameters that "
-            "the model cannot solve.",
+            remedy="Check the data for NaN and the noise for zero. Check whether the prior "
+            "contains parameters for which the model has no solution.",
         )
 
 

@@ -23,8 +23,8 @@ NODES = {1: 128, 2: 80, 3: 40, 4: 20}  # number of nodes per coordinate, by numb
 # fraction of the nodes that stays effective when the power of the likelihood is raised
 SHRINK = 0.4
 MOST_ROUNDS = 120
-# largest number of rounds at full likelihood, because moments keep changing for a thin curved
-# posterior
+# largest number of rounds at full likelihood; for a thin curved posterior the moments never become
+# steady
 MOST_WHOLE = 8
 STEADY = 0.03  # Moments are final if they change by less than this, in standard deviations.
 HALVINGS = 50  # number of bisections of the logarithm of the power, starting from e^-60

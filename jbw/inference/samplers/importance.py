@@ -107,7 +107,7 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return log weights with a smoothed Pareto tail, and their k-hat."""
     from arviz_stats.base.array import array_stats  # an import of one second, needed only here
 
-    stats: Any = array_stats  # ArviZ annotates tuples, which are not returned in these calls.
+    stats: Any = array_stats  # ArviZ's annotations do not fit what these calls return.
     # ArviZ expects the negative of the log weights, as in leave-one-out log likelihoods; ArviZ's
     # quantiles overflow for a very large k-hat.
     raw = np.asarray(raw)

@@ -18,7 +18,8 @@ STEPS = 20  # steps of expectation-maximisation
 ENOUGH = 3000  # largest number of points to which a mixture is fitted
 POINTS_A_DIMENSION = 10.0  # effective points that a component needs per dimension
 COUNTS = (1, 2, 4, 8)  # numbers of components with which a fit is tried
-# weight of the overall covariance in that of each component, in points per dimension
+# weight of the overall covariance in each component's covariance, as a number of points per
+# dimension
 PRIOR_POINTS = 0.5
 # weight and relative width of an additional component that covers all points
 BEYOND, WIDER = 0.1, 2.0

@@ -135,7 +135,8 @@ def _shrunk(
     """Run nested sampling from its first live points to its end."""
     num_live = len(state.particles.loglikelihood)
     room = ROOM * num_live // together * together
-    # Unused storage of dead points has the largest likelihood, where the prior volume is zero.
+    # Entries without a dead point get the largest likelihood: the prior volume there is zero, so
+    # that they add nothing to the evidence.
     empty = jax.tree.map(
         lambda v: jnp.full((room, *v.shape[1:]), jnp.inf, v.dtype), state.particles
     )

@@ -20,7 +20,7 @@ from jbw.inference.space.problem import Problem, log_density
 AVERAGING = 0.75  # exponent of the weights with which step sizes are averaged, as in dual averaging
 # Exponent of the gain. With it the sum of the gain diverges, and the sum of its squares converges.
 FORGETTING = 0.6
-# first step size of the warm-up without a fit, and with coordinates normalised by a fit
+# first step sizes of the warm-up: without a fit; with coordinates that a fit has normalised
 FIRST_STEP = (0.1, 1.0)
 
 

@@ -243,7 +243,7 @@ def _in_chunks(
 
 
 def _at_once(entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any) -> SamplerOutput:
-    """Draw everything in one call; return the draws and their log likelihoods."""
+    """Draw all samples in one call; return the draws and their log likelihoods."""
     drawn = _drawn(entry, key, problem, options)
     require_possible(bool(drawn.possible))
     if hasattr(module_of(entry), "require_arrival"):

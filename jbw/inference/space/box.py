@@ -126,7 +126,7 @@ def gradient_of(
 
 
 def prior_of(product: Product, box: Box) -> tuple[float, float]:
-    r"""Return the mean and standard deviation of the product under uniform priors.
+    r"""Return the mean and standard deviation of a product of powers under uniform priors.
 
     $$E[\theta^p] = \frac{u^{p+1} - l^{p+1}}{(p + 1)(u - l)}, \qquad
       E[\theta^{-1}] = \frac{\log(u/l)}{u - l}$$

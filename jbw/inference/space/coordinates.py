@@ -20,7 +20,8 @@ from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import Transform
 
 Vector = Float[Any, " parameter"]  # a NumPy array outside of compiled code
-# Points by rows, which may be complex for derivatives; changes of single parameters take them, too.
+# One point, or one point per row; complex if derivatives are taken. Changes of variable that treat
+# each parameter alone accept several rows.
 Points = Inexact[Any, "*point parameter"]
 
 
@@ -124,7 +125,7 @@ def unit(lower: Vector, upper: Vector) -> Scaled:
 
 
 class Logarithms(Coordinate):
-    """Logarithms of some parameters, $y_i = e^{x_i}$, which straighten valleys of products."""
+    """Logarithms of some parameters, $y_i = e^{x_i}$; valleys of constant products are straight."""
 
     chosen: tuple[bool, ...] = eqx.field(static=True)
 
@@ -192,7 +193,7 @@ class Composed(Coordinate):
         return y
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Return the sum of all changes' log determinants, each at the point that it maps."""
+        """Return the sum of all maps' log determinants, each at the point that the map receives."""
         total = jnp.zeros(())
         for part in self.parts:
             total = total + part.log_abs_det_jacobian(x)
@@ -200,4 +201,4 @@ class Composed(Coordinate):
         return total
 
 
-IDENTITY = Composed(())  # the parameters themselves
+IDENTITY = Composed(())  # no change of variable: the coordinates are the parameters

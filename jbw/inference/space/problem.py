@@ -106,7 +106,7 @@ def log_density(
 def log_prior(
     problem: Problem, coordinate: Coordinate, x: Float[Array, " parameter"]
 ) -> Float[Array, ""]:
-    r"""Return the log prior density in given coordinates; outside the bounds (volume V) -inf.
+    r"""Return the log prior density in given coordinates; -inf outside bounds of volume V.
 
     $$\log \pi(x) = -\log V + \log\left|\det \frac{\partial\theta}{\partial x}\right|$$
     """
@@ -167,5 +167,5 @@ def _checked_precision(
     raise ConfigError(
         "Argument `covariance` must be finite, symmetric and positive definite, but it is not.",
         why="The covariance determines the steps of the sampler.",
-        remedy="Pass the covariance of a fit, or leave it out.",
+        remedy="Pass the covariance of a fit, or omit the argument.",
     )

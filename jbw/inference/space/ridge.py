@@ -162,7 +162,7 @@ def _laplace_along(
     Chains start away from the walls, with at most the width of a uniform r.
     """
     low, high = (float(wall) for wall in walls(ridge.origin, ridge.along))
-    length = max(high - low, NARROW)  # zero if the optimum is in a corner
+    length = max(high - low, NARROW)  # `high - low` is zero if the optimum is in a corner
     others, members = np.array(ridge.others, dtype=int), np.array(ridge.members)
     across, size = np.zeros(len(members) - 1), len(in_logs.lower)
     start = [*np.asarray(in_logs.start)[others], *across, np.clip(-low / length, *MIDDLE)]

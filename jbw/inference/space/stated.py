@@ -29,7 +29,7 @@ from jbw.inference.space.box import Box, bounds_by_name, box, prior_std
 
 # number of points at which a density is evaluated, enough for moments accurate to 1e-6
 NUM_POINTS = 4001
-WIDEST = 20.0  # largest logarithm of a range's bound divided by its middle
+WIDEST = 20.0  # largest ln(upper bound / middle) of a range
 
 
 class StatedDensities(eqx.Module):

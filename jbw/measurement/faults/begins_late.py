@@ -18,7 +18,8 @@ from jbw.report.messages import decay_faults as messages
 # after it
 QUIET, LOUD = 0.1, 0.5
 FLAT = 0.05  # largest change of log |X| while a shaker drives the motion steadily
-FALLS = 0.3  # smallest change of log |X| in the following time, which is as long as the steady part
+# smallest change of log |X| in the time after the steady part; both times are equally long
+FALLS = 0.3
 # Smallest ratio of the change of log |X| after the steady part to that within it. At the top of a
 # beat this ratio is 8.
 TIMES_FLAT = 12.0

@@ -20,11 +20,14 @@ from jbw.report.messages.message import first_of
 
 # No vibration test reaches this value in SI units; a flipped bit in a float does.
 LARGEST = 1e12
-LAGS = 0.5, 2.5  # stated delays that account for held values, divided by the lag of these values
+# smallest and largest stated delay that accounts for repeated values, divided by the lag that the
+# repetition causes
+LAGS = 0.5, 2.5
 # largest number of reversals of the frequency along a folded response curve; with more reversals,
 # lines are out of order
 FOLDS = 4
-# number of equal samples in a changing signal from which they count as filled in by the recorder
+# smallest number of successive equal samples in a changing signal that count as filled in by the
+# recorder
 HELD_RUN = 4
 CHANCE = 1e-6  # probability of mistaking equal samples of a coarse converter for filled-in samples
 # Between neighbouring samples, a slow signal changes by fewer converter steps than this.
@@ -129,7 +132,7 @@ def _signal(record: Record, role: str, delay_s: float = 0.0) -> Iterator[Fault]:
         return
     is_measured = role in RESPONSES or role == "restoring_force"
     each, first = held_for(x) if is_measured else (1, 0)
-    if each > 1:  # Other faults are searched in a copy that contains each held value only once.
+    if each > 1:  # Search for other faults in a copy that contains each repeated value only once.
         lag_s, driven = (each - 1) / 2 / record.fs, set(INPUTS) & record.channels.keys()
         if not LAGS[0] * lag_s <= abs(delay_s) <= LAGS[1] * lag_s:
             line = lag_s if driven or role == "restoring_force" else None
@@ -209,10 +212,10 @@ def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
 
 
 def held_for(x: Reals) -> tuple[int, int]:
-    """Return for how many samples each value is held, and the index of the first new value.
+    """Return the number of samples for which each value repeats, and the first new value's index.
 
-    The number is the greatest common divisor of the distances between changes; 1 if nothing is
-    held.
+    The number is the greatest common divisor of the distances between changes; 1 if no value
+    is repeated.
     """
     changes = np.flatnonzero(np.diff(x)) + 1
     if len(changes) < CHANGES:

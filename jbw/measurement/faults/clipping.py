@@ -18,21 +18,25 @@ from jbw.report.messages import response_faults
 from jbw.report.messages.message import FaultText, first_of
 
 CLIP_RUN = 3  # consecutive equal samples at the extreme
-# By chance, noise makes no flat peak fall by more than this many of its standard deviations.
+# Noise alone hardly ever makes a flat peak fall by more than this number of the standard deviations
+# of the noise.
 BEYOND_NOISE = 4.0
-FLATTENED = 2.0  # Noise may flatten a crest that is higher by this many of its standard deviations.
-NO_CHANCE = 6  # number of equal samples in a flat peak that noise does not produce
-# Number of converter steps below an extreme within which peaks of an unclipped signal also lie.
+# Noise may hide a crest whose height is below this number of standard deviations of the noise.
+FLATTENED = 2.0
+NO_CHANCE = 6  # smallest number of equal samples in a flat peak that noise cannot explain
+# Number of converter steps: an unclipped signal has peaks up to this far below its extreme.
 NEAR_TOP = 8.0
 SAME = 1e-9  # Values that differ by less than this fraction of the range differ only by round-off.
-MORE_OFTEN = 2.0  # smallest ratio of the samples at both extremes to those at any other two levels
-# smallest excess of samples at the two extremes: at each extreme, the number of samples minus one
-# and minus the number of samples near this extreme
+# smallest ratio of the number of samples at both extremes to the number at two other levels
+MORE_OFTEN = 2.0
+# Smallest excess of samples at both extremes that counts as clipping. The excess at an extreme is
+# the number of samples at this extreme, minus one, minus the number of samples near this extreme.
 PILED = 3
 # number of samples used to count levels, because sorting a very long record is slow
 LEVELS_FROM = 2**20
 CLIPPED_SHARE = 1e-3  # largest fraction of clipped samples with which a sweep can still be fitted
-# largest mean of a response, divided by its standard deviation; more is an offset of the channel
+# largest ratio of a response's mean to its standard deviation; a larger ratio shows an offset of
+# the channel
 OFFSET = 1.0
 
 

@@ -13,7 +13,7 @@ from jbw.report.messages import controlled_faults as messages
 from jbw.report.messages.message import first_of
 
 FEWEST_POINTS = 3
-LISTED = 8  # points named in a message
+LISTED = 8  # largest number of points that a message names
 JUMP = 0.3  # smallest jump of log amplitude between neighbouring points: a change by a third
 SHIFT = 0.01  # smallest relative jump of a backbone's frequency between neighbouring points
 TIMES = 8.0  # A step counts as a jump if it exceeds the median step by this factor.

@@ -32,7 +32,7 @@ class DropOff(Hypothesis):
 
 
 def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
-    """Return a sweep's smallest drive over the median, and noise over drive; None if sound."""
+    """Return min / median of a sweep's drive, and noise / drive; None if the drive is adequate."""
     smooth, rough = drive_course(signal)
     least = float(smooth.min())
     noise = rough / least

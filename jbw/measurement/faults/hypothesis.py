@@ -30,8 +30,8 @@ from jbw.measurement.readings.sweep import SweepCause, SweepFits, fit_sweep
 from jbw.measurement.records import Record
 from jbw.report.messages.message import FaultText
 
-# condition 1: weighted rms of the residual; line relative to its local median, and to the largest
-# response; residual relative to the response
+# Condition 1 has four limits: the weighted rms of the residual; a line of its spectrum relative to
+# the local median; a line relative to the largest response; the residual relative to the response.
 LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06
 # condition 2: largest fraction of the sum of squares that remains after the cause is fitted
 EXPLAINS = 0.6
@@ -44,7 +44,7 @@ NEARLY = 20.0
 # 432 sound records, those with an rms above 1.3 have residuals of at most 2 % of the response, and
 # the others of at most 17 %.
 UNEXPLAINED, UNEXPLAINED_SHARE = 1.7, 0.08
-# dependences on amplitude of the mode that is fitted together with a fault
+# trial forms of how the mode depends on amplitude, in a fit of the mode together with a fault
 BASES_TRIED = ("linear", "power")
 # A line of a residual's spectrum is compared with the median of this number of lines around it.
 AROUND = 61
@@ -58,7 +58,7 @@ class Hypothesis:
     name: ClassVar[str]  # the name of the fault in a table
 
     def seen(self, fits: Fits, facts: "Facts") -> Iterator[Fault]:
-        """Yield the fault if a fit of only the mode already shows the fault in the record."""
+        """Yield the fault if a fit of the mode alone already shows the fault."""
         yield from ()
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:

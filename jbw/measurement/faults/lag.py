@@ -34,7 +34,7 @@ LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05
 LEAST_LOST = 1.6  # smallest reported number of lost samples
 # candidate times of a jump, as fractions of the record's accumulated amplitude
 PLACES = np.linspace(0.03, 0.97, 16)
-SCANNED = 12  # number of times that are scanned between two of the tried times
+SCANNED = 12  # largest number of iterations for the time of a jump between two candidate times
 # Below this fraction of the largest motion, the lag is determined without an effect of the joint.
 QUIET = 0.4
 # FEWEST: smallest number of values of quiet motion. FAINT: weight of all other values.
@@ -73,11 +73,11 @@ class Delay(_Lag):
     starts = ((-0.35,), (-0.12,), (0.12,), (0.35,))
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
-        """Return the same lag for every time, in mean periods of the drive."""
+        """Return a lag that is constant over time, in mean periods of the drive."""
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether a lag exceeds 1 % of a period, is not a wrong sign, and is there early."""
+        """Return whether a lag is above 1 % of a period, no wrong sign, equal at small motion."""
         if not LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN:
             return False
         signal = fits.signal

@@ -15,7 +15,7 @@ from jbw.report.messages import loop_faults as messages
 
 # A joint counts as at rest while it moves less than this fraction of the whole stroke.
 STILL = 1e-3
-SLIPS = 3  # number of times at which the gauge may have slipped that are tried
+SLIPS = 3  # number of trial times at which the gauge may have slipped
 # The usual step of the motion is the median over this number of steps on either side.
 NEIGHBOURS = 2
 
@@ -95,7 +95,7 @@ class Wear(Hypothesis):
     name = "wear of the joint"
 
     def in_loop(self, residual: LoopResidual) -> Iterator[LoopCause]:
-        """Yield wear with the travelled path as a possible cause of a loop fit's residual."""
+        """Yield wear, as a function of the travelled path, as a cause of a loop fit's residual."""
         loop = residual.loop
         if not (groups := of_one_amplitude(cycles_of(loop))):
             return

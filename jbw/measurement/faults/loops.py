@@ -35,7 +35,8 @@ POINTS = 40  # number of points of the mean of the loading and the unloading str
 END = POINTS // 8  # number of values at the end of a stroke from which its slope is determined
 # A stroke stiffens if the slope at its end exceeds its smallest slope by this factor.
 TWICE = 1.5
-# smallest ratio of the contact's stiffness to that of the free travel; with less there is no gap
+# smallest ratio of the contact's stiffness to that of the free travel; a smaller ratio shows that
+# there is no gap
 STIFFER = 1.0
 GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel, divided by the amplitude
 BETTER = 0.4  # largest residual sum of squares with a gap, divided by that with a smooth spring
@@ -136,9 +137,9 @@ def loop_causes(
 
 
 def _each_once(record: Record) -> tuple[Record, float]:
-    """Return a record that contains each held value of the force once, and the lag by holding [s].
+    """Return a record without repeated values of the force, and the lag of the repetition [s].
 
-    At the first of several equal samples, a held force is that of the moment.
+    The force is correct at the first of several equal samples.
     """
     force = next(record.channels[role] for role in FORCES if role in record.channels)
     each, first = held_for(force)
@@ -163,11 +164,11 @@ def _named(
 
 
 def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
-    """Return the columns of stated effects, and those of zero errors that are not stated."""
+    """Return columns of stated effects, and of zero errors of the load cell that are not stated."""
     basis = basis_of(loop.displacement)
     known = LOAD_CELLS.index(load_cell)
     if not begins_unmoved(loop):
-        # A loop that begins after a motion has a constant force of the stuck sliders.
+        # If a loop begins after other motion, sliders that stay stuck add a constant force.
         known = max(known, 1)
     springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)
     if set(laws) & set(WEARING):

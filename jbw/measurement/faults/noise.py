@@ -40,7 +40,7 @@ AWAY = 0.08
 # The phase of a line is used if its power exceeds this fraction of the drive's median power.
 LOUD = 0.3
 FEWEST = 12  # smallest number of lines with a usable phase
-CERTAIN = 6.0  # standard errors of a lag
+CERTAIN = 6.0  # smallest reported deviation of a lag from the stated delay, in standard errors
 ONE_MODE = 0.3  # largest standard deviation of log |Y/U| about one mode; more means several modes
 # [rad]; if the phase varies by more than this around a supposed single mode, there is more than one
 # mode
@@ -100,8 +100,8 @@ def _away(
     if len(lines_away) < FEWEST:
         return None
     r = r[lines_away]
-    # If there are several modes, the phase shows no lag. The magnitude of a single mode is
-    # proportional to 1 / (1 - r^2).
+    # With several modes, the phase does not determine a lag. With a single mode, the magnitude is
+    # proportional to 1 / (1 - r^2), where r is the ratio of the frequency to that of the mode.
     if np.std(np.log(np.abs(receptance[lines_away] * (1 - r**2)))) > ONE_MODE:
         return None
     phase = np.angle(receptance[lines_away] * np.where(r < 1, 1.0, -1.0))

@@ -113,7 +113,7 @@ def _frf(record: Record, segments: int, delay: float) -> FRF:
     u, y = (record.channels[role][:LOOKED_AT] for role in (record.source, record.response))
     nperseg = len(u) // segments
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # The checks that follow report these faults.
+        warnings.simplefilter("ignore")  # Other checks report what `frf` warns of.
         return frf(u, y, record.fs, response=record.response, nperseg=nperseg, delay=delay)
 
 

@@ -20,7 +20,7 @@ from jbw.report.messages import response_faults as messages
 from jbw.report.messages.message import first_of
 
 THIRD = 3  # highest harmonic order that is checked
-LISTED = 6  # tones named in a message
+LISTED = 6  # largest number of tones that a message names
 ALONG = 0.3  # correlation of force and displacement below which the force may be friction alone
 DEGREES = 20.0  # [rad]; a phase beyond three full turns was probably written in degrees
 FEWEST_LINES = 4
@@ -30,11 +30,12 @@ NO_LEVEL = ("frequency", "phase", "time")
 # Lines within this fraction of the strongest line's frequency, to either side, belong to it.
 ABOUT = 0.2
 WIDEST = 0.5  # largest half width of a band, relative to the frequency of its line
-# smallest height of another line relative to the strongest, and the number of lower lines on either
-# side that make it a peak
+# smallest height of another peak relative to the strongest line, and number of lower lines on each
+# side of a peak
 OTHER, PEAK_LINES = 3e-3, 2
 SURE = 3.0  # standard deviations of the noise's power
-ELSEWHERE = 0.1  # fraction of a displacement's power in excess of that of a single oscillator
+# largest fraction of a displacement's power that a single oscillator does not explain
+ELSEWHERE = 0.1
 # A line stands out if it exceeds the median around it by this factor; the largest of 1000 lines of
 # noise reaches 3.2.
 STANDS_OUT = 5.0
@@ -61,7 +62,7 @@ def unsteady(
         omega, also = 2 * np.pi * tone, [2 * np.pi * f for f in others]
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # The drift is reported as a fault instead.
+                warnings.simplefilter("ignore")  # A drift is reported as a fault, not as a warning.
                 fitted.append(
                     harmonics(part, fs, omega, THIRD, response=role, start=settle, also=also)
                 )
@@ -198,7 +199,7 @@ def several_resonances(record: Record) -> Iterator[Fault]:
 
 
 def _white_noise(lines: DrivenLines, order: int) -> Reals:
-    """Return the power of white noise in each line of displacement; `order` is the measured order.
+    """Return the power of white noise in each line of displacement; `order` is the derivative.
 
     Second differences of the ratio of response to drive contain noise and hardly any mode. The mean
     power of lines of noise is their median over ln 2.
@@ -210,7 +211,7 @@ def _white_noise(lines: DrivenLines, order: int) -> Reals:
 
 
 def _around_line(peak_hz: float) -> tuple[float, float]:
-    """Return the frequencies [Hz] between which lines count as part of one line."""
+    """Return the limits [Hz] of the band around a peak in which all lines belong to the peak."""
     return (1 - ABOUT) * peak_hz, (1 + ABOUT) * peak_hz
 
 

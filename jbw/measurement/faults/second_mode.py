@@ -59,7 +59,7 @@ from jbw.report.messages.message import FaultText
 LEAST = 0.02  # smallest amplitude of the second mode, relative to the first mode's at the start
 DAMPINGS = (0.2, 6.0)  # range of the second mode's damping ratio, relative to that of the first
 NEAREST = 2.0  # smallest distance of the modes in a sweep, in damping rates of the first mode
-# Distance of the modes, in damping rates of the first, within which they beat.
+# largest distance of two modes that beat, in damping rates of the first mode
 BEAT = 4.0
 # largest change of the first mode's frequency and damping in a narrower band, relative to its
 # damping

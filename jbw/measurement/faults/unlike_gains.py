@@ -48,7 +48,7 @@ class UnlikeGain(Hypothesis):
     name = "sign or gain"
 
     def suspects(self, misfit: Misfit) -> Iterator[Suspect | Cause]:
-        """Yield the test whose gain differs from the other tests; if none does, all tests' factors.
+        """Yield the test whose gain differs from all others; if none does, every test's factor.
 
         A step from a fit that is far from all tests is unreliable.
         """

@@ -40,7 +40,8 @@ OF_MODE = 0.95
 # motion; noise of half a step before rounding has 0.58 steps after it, whatever the motion.
 CONVERTED = 0.55
 PLACES = 60  # candidate places of a jump
-TIMES_APART = 0.1  # smallest distance between the two tried times, relative to the record's length
+# smallest distance of two candidate times of a jump, relative to the record's length
+TIMES_APART = 0.1
 LOUD = 6.0  # Only envelopes above this multiple of the noise are searched.
 LEAST = 0.05  # smallest jump that is reported: of ln a and the phase [rad] combined
 GREW = 0.2  # largest jump of ln a that missing samples can cause

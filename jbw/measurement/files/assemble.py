@@ -151,7 +151,7 @@ def _channel(
     if is_voltage(unit) and role in SENSITIVITIES:
         line = toml_table({**request.sensitivity, role: SENSITIVITIES[role]})
         raise ConfigError(
-            f"role `{role}` has the unit `{unit}` in the file, which is the voltage of a sensor.",
+            f"role `{role}` has the unit `{unit}` in the file: the channel is a sensor's voltage.",
             remedy=messages.of_sensor(line),
         )
     factor, si, source = si_of(role, unit)
@@ -230,7 +230,8 @@ def _of_one_length(channels: Mapping[str, Repeats]) -> dict[str, Repeats]:
 def _of_amplitudes(row: Reals, role: str, is_curve: bool) -> Reals:
     if not is_curve or np.iscomplexobj(row):
         raise DataError(
-            f"role `{role}` is in decibels, but only the real amplitudes of a measured FRF may be.",
+            f"role `{role}` is in decibels, but only the real amplitudes of a measured FRF may be "
+            "in decibels.",
             remedy="Export the linear values of the channel.",
         )
     return row
@@ -248,7 +249,7 @@ def _require_one_motion(units: Mapping[str, str]) -> None:
             f"in `{units[linear]}`.",
             why="A torsional test has only angles and torques; metres, newtons and kilograms in "
             "its results stand for radians, newton metres and kg m^2.",
-            remedy="Correct the units, or name channels of one motion.",
+            remedy="Correct the units, or name channels that measure the same motion.",
         )
 
 

@@ -21,7 +21,7 @@ from jbw.report.messages.remedies import PUT
 from jbw.units import factor_of
 
 REGULARITY = 1e-3  # largest deviation of a sample from the even grid, in sampling intervals
-# A record's rate is a round number if the record drifts from it by fewer intervals than this.
+# A record's rate is rounded if the rounding shifts all times by fewer sampling intervals than this.
 ROUND = 1e-6
 # Largest resolution of printed times, in sampling intervals, that may explain uneven times. A lost
 # sample shifts later times by half an interval from every straight line, and must not be hidden.

@@ -118,7 +118,7 @@ def table(
     fs: float | None = None,
     dialect: Dialect | None = None,
 ) -> Contents:
-    """Read the table in a text; information from a recorder replaces that in the lines.
+    """Read the table in a text; given names, units, rate and notation replace those in the lines.
 
     Args:
         lines: Lines of the file, or their version prepared by a recorder module.
@@ -209,7 +209,7 @@ def _unfitting_names(header: Sequence[str], dialect: Dialect) -> list[str]:
 
 
 def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
-    """Find the notation in which most first lines are numbers; a single column has decimals."""
+    """Find the notation with which most lines are rows of numbers, or that of a single column."""
     among = [marks for marks in DIALECTS if not mark or marks.delimiter == mark] or DIALECTS
     count, dialect = max((_trial(lines, marks) for marks in among), key=lambda trial: trial[0])
     if count < LEAST_LINES:
@@ -297,7 +297,7 @@ def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
 
 
 def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
-    """Raise a DataError if a broken line splits the table, so that measured values are above it."""
+    """Raise a DataError if a malformed line splits the table and values stand above that line."""
     rows = [dialect.fields(line) for line in header]
     wide = [i for i, row in enumerate(rows) if len(row) == dialect.columns]
     # The first line with the table's width may name the columns, even by numbers. A recorder may
@@ -313,7 +313,7 @@ def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
         raise DataError(
             f"File `{path}` cannot be read by the csv reader: its header and its first row share "
             f"line {len(rows)}: {header[-1][:60]!r}.",
-            why="The first sample would be lost, and with it the beginning of the record.",
+            why="This line would be skipped, and the record would lack its first sample.",
             remedy="Break the line behind the names of the columns, or export the file again.",
         )
     if values:
@@ -321,7 +321,7 @@ def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
         raise DataError(
             f"File `{path}` cannot be read by the csv reader: line {broken + 1} does not fit the "
             f"table of {dialect.columns} columns: {header[broken][:60]!r}.",
-            why=f"The lines before line {broken + 1} contain numbers, and would be lost.",
+            why=f"The lines before line {broken + 1} contain numbers, which would be lost.",
             remedy=f"Copy or export the file again, or correct line {broken + 1}.",
         )
 
@@ -543,7 +543,9 @@ def _on_own_clocks(
         time = columns[clock]
         size = _filled(time)
         if _filled(columns[i]) > size:
-            raise ValueError(f"column {i + 1} has more values than column {clock + 1}, its times")
+            raise ValueError(
+                f"column {i + 1} has more values than its column of times, column {clock + 1}"
+            )
         plain_leaf = replace(leaf(columns[i][:size]), unit=plain_leaf.unit, label=plain_leaf.label)
         timed = plain_leaf if i == clock else on_clock(plain_leaf, time[:size], units[clock])
         leaves.append(timed)

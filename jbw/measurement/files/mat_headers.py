@@ -23,7 +23,7 @@ MATRIX, COMPRESSED = 14, 15  # data types that contain further elements
 NUMBERS = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 WIDTHS = {**NUMBERS, 16: 1, 17: 2, 18: 4}
 WIDTHS_4 = {0: 8, 1: 4, 2: 4, 3: 2, 4: 2, 5: 1}  # bytes per value for each data type in version 4
-NAMES = (1, 2, 16)  # data types of names
+NAMES = (1, 2, 16)  # data types in which names are stored
 CELL, STRUCT, OBJECT, CHAR, SPARSE = 1, 2, 3, 4, 5
 NUMERIC = range(6, 16)  # classes of numeric arrays: double to uint64
 FUNCTION, OPAQUE = 16, 17
@@ -46,7 +46,7 @@ def require_sound(path: Path) -> None:
 
 
 def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """Yield each variable's unpacked size in bytes and its check, for a v5 file."""
+    """Yield the unpacked size [bytes] of each variable in a v5 file, and a check function."""
     order = {b"IM": "<", b"MI": ">"}.get(bytes(data[HEADER - 2 : HEADER]))
     if order is None:
         raise ValueError("the header of the file does not state the byte order")
@@ -71,7 +71,7 @@ def _variables(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
 
 
 def _variables_4(data: memoryview) -> Iterator[tuple[int, Callable[[], None]]]:
-    """Yield each variable's size in bytes and its check, for a v4 file.
+    """Yield the size [bytes] of each variable in a v4 file, and a check function without effect.
 
     A variable consists of type, rows, columns, imaginary part, name and numbers.
     """
@@ -186,7 +186,7 @@ def _matrix(content: memoryview, order: str) -> None:
         return
     shape = walk.whole_numbers("dimensions", (5, 6))
     if not shape or min(shape) < 0 or len(shape) > 32:
-        raise ValueError(f"a variable has the shape {shape}, which is not possible")
+        raise ValueError(f"the shape of a variable is {shape}, which is impossible")
     walk.short("names", NAMES)
     count = math.prod(shape)
     if of_class in NUMERIC:
@@ -218,5 +218,5 @@ def _fields(walk: Elements, count: int, of_class: int) -> None:
         )
     fields = len(walk.short("field names", NAMES)) // lengths[0]
     if not fields and count > MOST_BARE:
-        raise ValueError(f"{count} structs must have a field, but have none")
+        raise ValueError(f"{count} structs must have at least one field, but have no field")
     walk.matrices(count * fields)

@@ -67,19 +67,19 @@ def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[L
     if isinstance(node, Leaf):
         if rest:
             raise DataError(
-                f"continues after an array of shape {node.array.shape}: end the path there."
+                f"continues after an array of shape {node.array.shape}: end the path at the array."
             )
         return _pick(node, indices)
     if indices:
         return _item(node, indices, rest)
     if not isinstance(node, Mapping):
         count = " x ".join(map(str, node.shape))
-        before = f" before `{rest}`: index them" if rest else ", not an array"
+        before = f" before `{rest}`: select one item by an index" if rest else ", not an array"
         raise DataError(f"has {count} items{before}.")
     if not rest:
         raise DataError("is a group, not an array.")
     rest = rest.lstrip("./")
-    # A name is matched as it stands in the file, and never split at dots or brackets of its own.
+    # A name is matched exactly as in the file; dots and brackets in a name do not split it.
     fitting = (n for n in map(str, node) if rest.startswith(n) and rest[len(n) :][:1] in "./[({")
     name = max(fitting, key=len, default="")
     if not name:

@@ -45,7 +45,8 @@ class Wanted:
     window_s: float | None = None
     lines_hz: tuple[float, ...] = ()
     conjugate: bool = False
-    resample: float | None = None  # [Hz]; for channels of several rates or with uneven clocks
+    # rate [Hz] to which channels of several rates or with uneven clocks are resampled
+    resample: float | None = None
     # the source of the units if file and campaign differ: "file", or "mine" (the campaign)
     units_are: str = "file"
     # Sensitivities in volts per unit, such as "100 mV/g", of sensors whose channels are in volts.
@@ -194,7 +195,7 @@ def _agree_with_unused_time(
 
 
 def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, Leaf]]:
-    """Yield columns that have a name of times and the length of a channel that is read."""
+    """Yield columns that are named like times and are as long as a channel that is read."""
     lengths = {max(item.shape, default=0) for items in sources.values() for item in items}
     for name, item in names(contents.root):
         is_time = isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())

@@ -29,11 +29,11 @@ class Leaf:
     # numpy array, or an object of the file with shape and dtype, such as an h5py dataset
     array: Any
     axes: tuple[int, ...]  # those stored axes that have no index yet, in the user's order
-    # index at which each other stored axis is fixed
+    # index of every stored axis that is not in `axes`
     fixed: Mapping[int, int] = field(default_factory=dict)
     fs: float | None = None  # sampling frequency that the file states for the array [Hz], if any
     unit: str = ""  # unit that the file states for the array, if any
-    # start of the array as stated in the file, from an arbitrary time [s]
+    # start of the array as stated in the file, relative to an arbitrary time [s]
     start_s: float | None = None
     minus: "Leaf | None" = None  # an array to subtract, if this is a difference of two channels
     label: str = ""  # name of the array in the file, if its path does not contain it
@@ -159,9 +159,9 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     ]
     if facts[0] != facts[1]:
         raise DataError(
-            f"Channels that are subtracted must agree, but one has {facts[0]}, "
-            f"the other {facts[1]}.",
-            remedy="Subtract channels that were sampled together, in one unit.",
+            f"Channels that are subtracted must agree, but one channel has {facts[0]}, "
+            f"and the other channel has {facts[1]}.",
+            remedy="Subtract channels that were sampled together, in the same unit.",
         )
     # The difference is computed in float64, because integers would wrap around.
     subtracted = load(source.minus, part)

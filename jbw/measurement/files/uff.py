@@ -27,9 +27,10 @@ SYSTEMS = {
 }  # fmt: skip
 SAME_FACTOR = 1e-5  # largest relative error of a unit's factor, because files round it
 MOST_PADDED = 5  # largest number of values that pad the last line of a set
-FREQUENCY_RESPONSE = 4  # function type of the format
-SET = re.compile(rb"^ {4}-1[ \t]*\r?\n[ \t]*(\d+)b?(?=\s)", re.MULTILINE)  # the head of a set
-TAKEN = (58, 151, 164)  # types of sets that are read: functions, program, units
+FREQUENCY_RESPONSE = 4  # function type of data sets that contain an FRF
+# the header of a data set
+SET = re.compile(rb"^ {4}-1[ \t]*\r?\n[ \t]*(\d+)b?(?=\s)", re.MULTILINE)
+TAKEN = (58, 151, 164)  # types of data sets that are read: functions, program, units
 
 
 @contextmanager
@@ -110,7 +111,7 @@ def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> 
     if declared not in (None, len(data)):
         raise DataError(
             f"{where} declares {declared} samples, but has {len(data)}.",
-            remedy="Copy the file again, or export it again.",
+            remedy="Copy or export the file again.",
         )
     quantity = SPECIFIC.get(int(_number(dataset, "ordinate_spec_data_type")), "")
     unit = _unit_of(dataset, "ordinate", quantity, system)
@@ -213,7 +214,7 @@ def write_uff(path: str | Path, record: Record) -> None:
     part = path.with_name(f"{path.stem}.part{path.suffix}")
     try:
         part.write_bytes(b"")  # gives a clearer error than pyuff if the file cannot be created
-        # Only this mode writes complete sets.
+        # pyuff writes complete data sets only with mode="add".
         writer = optional("pyuff", "uff", path).UFF(str(part))
         writer.write_sets([_set_of(record, role) for role in record.channels], mode="add")
         _require_same(part, record)
@@ -252,5 +253,5 @@ def _require_same(path: Path, record: Record) -> None:
             ):
                 raise DataError(
                     f"Channel `{role}` was not written correctly: {path} contains other samples.",
-                    remedy="Write HDF5 or NumPy instead.",
+                    remedy="Write the record as HDF5 or NumPy.",
                 )

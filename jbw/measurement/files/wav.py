@@ -24,7 +24,8 @@ def contents(path: Path) -> Iterator[Contents]:
         warnings.filterwarnings("ignore", message=".*not understood.*")
         try:
             rate, samples = scipy.io.wavfile.read(path, mmap=True)
-        # Samples of 24 bits cannot be mapped into memory; a damaged file fails again here.
+        # Samples of 24 bits cannot be mapped into memory and are read at once; a damaged file then
+        # raises an error again.
         except ValueError:
             rate, samples = scipy.io.wavfile.read(path)
     stored, integer = np.atleast_2d(samples.T), np.issubdtype(samples.dtype, np.integer)

@@ -145,7 +145,7 @@ class DecaySignal:
         return replace(self, z=self.z[:count], time=self.time[:count])
 
     def filtered_step(self, at_s: float) -> Reals:
-        """Return a unit step at a given time [s] after the filter."""
+        """Return the filtered signal of a unit step at a given time [s]."""
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
 
@@ -213,7 +213,7 @@ def _moments(taps: Reals, fs: float) -> Reals:
 
 
 def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Complexes]:
-    """Return the log of a filter's response to exp(s t), and its derivative by s."""
+    """Return the log of a filter's response to exp(s t), and its derivative with respect to s."""
     square = pole**2
     response, slope = np.full(len(pole), signal.moments[-1], complex), np.zeros(len(pole), complex)
     for moment in signal.moments[-2::-1]:
@@ -521,8 +521,8 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         own = min(noise, 0.3 * signal.a0) ** 2 + QUANTUM_NOISE * half_step**2
         return 1 / np.sqrt(own + (LAW_ERROR * size) ** 2)
 
-    # The starts are the mean frequency and damping rate, frequency and damping rate of the first
-    # values, and the strongest spectral line. Beating modes or steady lines can mislead one start.
+    # There are three starts: the mean frequency and damping rate; those of the first values; the
+    # strongest spectral line. Beating modes or steady lines can mislead one of the starts.
     begun = signal.until(max(int(np.argmax(signal.size < 0.5 * signal.size[0])), 3) + 1)
     rate = max(float(np.log(begun.size[0] / begun.size[-1])) / begun.time[-1], scale)
     initial = float(np.angle(np.vdot(begun.z[:-1], begun.z[1:]))) / signal.step_s

@@ -32,7 +32,7 @@ Columns = Float[np.ndarray, "sample column"]
 
 
 class LoopBasis(NamedTuple):
-    """Forces per unit along a motion: of sliders and a dashpot, and of springs and a constant."""
+    """Forces along a motion per unit strength: sliders and a dashpot; springs and a constant."""
 
     losses: Columns
     springs: Columns

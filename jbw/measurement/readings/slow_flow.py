@@ -19,9 +19,10 @@ from scipy.signal import fftconvolve
 
 from jbw.measurement.channels import Complexes, Reals
 
-# Smallest relative changes of the sum of squares and of steps. NEAR_BEST is for a mode that is
-# fitted together with a cause. The log likelihood of n values is then wrong by n / 10^4, which
-# matters little because a cause is reported at a likelihood ratio of 25.
+# A fit ends if the relative change of the sum of squares, or of the step, is below this. FULLY is
+# for the fit of a mode alone, NEAR_BEST for a mode together with a cause. With NEAR_BEST the log
+# likelihood of n values is wrong by n / 10^4, which matters little, because a cause is reported
+# only at a likelihood ratio of 25.
 FULLY, NEAR_BEST = 1e-8, 1e-4
 SHIFT = 1e-7  # relative step of a cause's parameter for a finite difference
 # smallest ratio of an amplitude to the largest, since an amplitude of zero has no logarithm

@@ -44,7 +44,7 @@ WORTH_A_TERM = 0.9
 # model.
 CLEAR = 30.0
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of modes outside the band
-# limits of the ratio of motion to response / frequency^order while the mode rings freely
+# limits of the ratio of the motion to (response / frequency^order) in free vibration of the mode
 MODES_OWN = (0.5, 2.0)
 
 Columns = Complex[np.ndarray, "value column"]
@@ -120,7 +120,7 @@ class SweepSignal:
         return float(2 * np.pi / np.median(self.rate))
 
     def filtered_step(self, at_s: float) -> Reals:
-        """Return a unit step at a given time [s] after the filter."""
+        """Return the filtered signal of a unit step at a given time [s]."""
         return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
     def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
@@ -307,7 +307,7 @@ def fit_sweep(
     """
     basis, count = BASES[name], len(start)
     mirror = mirror_of(signal, pole_of(signal, np.asarray(start, float), name, scale)[0])
-    kept: Any = []  # the last evaluation, from which its derivative continues
+    kept: Any = []  # the last evaluation, reused for the derivative at the same point
 
     def projected(theta: Reals) -> Projected:
         if not kept or not np.array_equal(kept[0], theta):

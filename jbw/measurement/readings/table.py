@@ -270,7 +270,7 @@ def _mean(rows: list[RecordTable], weights: list[float]) -> RecordTable:
 
 
 def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: RecordTable) -> tuple[Reals, Reals]:
-    """Return errors caused by a residual in excess of noise, with a lower limit."""
+    """Return errors of frequency and damping from the residual beyond noise, with lower limits."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
     excess = float(np.mean(np.abs(best.residual[loud]) ** 2)) - 1.5 * fits.noise**2
@@ -283,7 +283,7 @@ def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: RecordTable) -> tu
 
 
 def _second_order(fits: DecayFits | SweepFits, rows: RecordTable) -> tuple[Reals, Reals]:
-    """Return the error of first-order averaging that changes of frequency or damping cause."""
+    """Return the error of first-order averaging due to changes of frequency or damping."""
     hz, zeta = rows.hz, np.abs(rows.zeta)
     share = fits.SECOND_ORDER + float(zeta.max())
     change, growth = np.ptp(hz), np.ptp(rows.zeta)

@@ -43,7 +43,7 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
     """Return the only segment of an LVM file: channels with their own rate, start and unit."""
     ends = [i for i, line in enumerate(lines) if line.startswith(END)]
     if len(ends) < 2:
-        raise ValueError(f"a LabVIEW measurement has two headers, but this has {len(ends)}")
+        raise ValueError(f"a LabVIEW measurement has two headers, but this file has {len(ends)}")
     if len(ends) > 2:
         raise DataError(
             f"File `{path.name}` contains {len(ends) - 1} segments of a LabVIEW measurement, but "

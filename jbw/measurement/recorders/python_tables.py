@@ -100,7 +100,7 @@ def read(contents: Contents) -> Contents:
         fs, start = _rate(facts) or contents.fs or _rate(contents.attributes), None
         index = facts.get(INDEX)
         if isinstance(index, Leaf) and index.shape == (item.shape[1 - along],):
-            # Whole numbers only count the rows, so they are no channel.
+            # An index of whole numbers only counts the rows, and contains no times.
             clock = on_clock(Leaf(None, (), fs=fs), load(index), "")
             fs, start = clock.fs, clock.start_s
         for i, (name, unit) in enumerate(zip(names, units, strict=True)):

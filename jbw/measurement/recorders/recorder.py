@@ -15,7 +15,7 @@ import numpy as np
 from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
 from jbw.units import FACTORS, is_unit, plain, titled
 
-MOST_VALUES = 4096  # largest size of an array that is read for a single number
+MOST_VALUES = 4096  # largest size of an array from which a single number is read
 
 
 @dataclass(frozen=True)
@@ -34,11 +34,11 @@ class Recorder:
     of_text: Callable[[Sequence[str]], bool] | None = None
     read_text: Callable[[Sequence[str], Path], Contents] | None = None
     is_general: bool = False  # whether this recorder accepts files that no other recognises
-    # first words of `Contents.reader`, such as MATLAB, of files to recognise; empty for all files
+    # beginnings of `Contents.reader`, such as MATLAB, of files to recognise; empty for all files
     readers: tuple[str, ...] = ()
 
     def recognises(self, contents: Contents) -> bool:
-        """Return whether a tree has this recorder's layout; without `of`, its reader decides."""
+        """Return whether a tree has this recorder's layout; if `of` is None, `readers` decide."""
         is_read = not self.readers or contents.reader.startswith(self.readers)
         return self.read is not None and is_read and (self.of is None or self.of(contents))
 
@@ -131,7 +131,7 @@ class Axis(NamedTuple):
 
     name: str  # time or frequency
     unit: str
-    fs: float | None  # sampling frequency if the axis is one of times [Hz]
+    fs: float | None  # sampling frequency [Hz] if the axis is a time axis
 
 
 def axis_in(lines: Sequence[str]) -> Axis | None:
