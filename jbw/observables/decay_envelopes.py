@@ -43,8 +43,8 @@ MOST_WAIT = 20.0
 LOUD = 0.3
 # number of Gauss-Newton steps that find the start of a record on the simulated decay
 NUM_REFINEMENTS = 3
-# Lagrange's cubics through -1, 0, 1 and 2, one per column: coefficients of 1, f, f^2 and f^3.
-CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
+# number of steps of the simulated decay through which a polynomial interpolates it
+NODES = 6
 
 
 class Envelopes(Observable):
@@ -242,23 +242,26 @@ def along(
 ) -> tuple[Complex[Any, "... time"], Complex[Any, "... time"]]:
     """Interpolate the logarithm of a decay between time steps; return its slope as well.
 
-    NumPy arrays are processed by NumPy, here and in the functions below, because a compiled program
-    would be needed for every length of records.
+    The polynomial through the nearest `NODES` steps is continued by its tangent beyond the first
+    and the last step. NumPy arrays are processed by NumPy, here and in the functions below, because
+    a compiled program would be needed for every length of records.
     """
-    xp = namespace(decay)
-    step = _constant(xp.floor(place))
-    f = place - step
-    index = step.astype(int)[..., None] + np.arange(-1, 3)
-    inside = xp.clip(index, 0, decay.shape[-1] - 1)
-    first, last = (
-        (decay[..., i + 1] - decay[..., i])[..., None, None] for i in (0, decay.shape[-1] - 2)
+    xp, count = namespace(decay), decay.shape[-1]
+    size = min(NODES, count)
+    inside = xp.clip(place, 0.0, count - 1.0)
+    first = xp.clip(_constant(xp.floor(inside)).astype(int) - (size - 1) // 2, 0, count - size)
+    index = first[..., None] + np.arange(size)
+    values = xp.take_along_axis(decay, index.reshape(*index.shape[:-2], -1), axis=-1)
+    values = values.reshape(index.shape)
+    offsets = np.arange(size) - (size - 1) / 2  # of the steps, about their middle
+    coefficients = np.linalg.inv(np.vander(offsets, increasing=True))
+    t = inside - (first + (size - 1) / 2)
+    powers = [t**k for k in range(size)]
+    slopes = [0.0 * t, *(k * power for k, power in enumerate(powers[:-1], start=1))]
+    log, slope = (
+        xp.sum((xp.stack(x, axis=-1) @ coefficients) * values, axis=-1) for x in (powers, slopes)
     )
-    found = xp.take_along_axis(decay, inside.reshape(*inside.shape[:-2], -1), axis=-1)
-    values = found.reshape(inside.shape) + (index - inside) * xp.where(index < 0, first, last)
-    unit = xp.ones_like(f)
-    weights = xp.stack([unit, f, f**2, f**3], axis=-1) @ CUBICS
-    slopes = xp.stack([0 * unit, unit, 2 * f, 3 * f**2], axis=-1) @ CUBICS
-    return xp.sum(weights * values, axis=-1), xp.sum(slopes * values, axis=-1)
+    return log + (place - inside) * slope, slope
 
 
 def follow(

@@ -75,6 +75,25 @@ def test_along_follows_between_steps_and_beyond_the_ends():
     np.testing.assert_allclose(outside, log[0] - 5 * (log[1] - log[0]), atol=1e-12)
 
 
+def test_a_decay_whose_frequency_changes_is_followed_from_its_first_step():
+    """Within the remainder of the polynomial of six points, at the first step as in the middle.
+
+    A cubic spring adds the phase c (1 - exp(-2 s k)) after k steps, of which six derivatives give
+    c (2 s)^6 |P| / 720, with P = t (t - 1) ... (t - 5) at most 17 in the first interval.
+    """
+    c, s = 2.1, 0.12
+    steps, place = np.arange(60), np.linspace(0.0, 58.0, 401)
+
+    def course(k):
+        return -s * k + 1j * c * (1 - np.exp(-2 * s * k))
+
+    log, slope = along(course(steps), place)
+    remainder = c * (2 * s) ** 6 * 17 / 720
+    np.testing.assert_allclose(log, course(place), rtol=0, atol=remainder)
+    exact = -s + 2j * c * s * np.exp(-2 * s * place)
+    np.testing.assert_allclose(slope, exact, rtol=0, atol=10 * remainder)
+
+
 @pytest.mark.parametrize("laws", [("bouc_wen",), ("masing_power",), ()])
 def test_decays_at_many_points_are_those_of_each_point(laws):
     """By the batch solver and NumPy, as by one traced program for each point."""
