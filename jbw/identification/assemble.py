@@ -48,6 +48,8 @@ class Measured:
     decays: DecaySplit | None  # free decays; None if none can be fitted
     modes: Modes | None = None  # modes of the structure that move the joint; None for a single mode
     joints: SeveralJoints | None = None  # several joints of the structure; None for one joint
+    # laws that the tests do not exclude, and that may slip fully beyond the measured amplitudes
+    rivals: tuple[str, ...] = ()
 
     @property
     def probing(self) -> tuple[Test, ...]:

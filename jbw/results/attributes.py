@@ -57,6 +57,8 @@ class DrawnPosterior(Attributes):
         decay: Constants of the posterior of the free decays.
         lacking: Units without some parameter, in a population.
         points: Additional measured points.
+        rivals: Laws that the fitted tests do not exclude, and that may slip fully at larger
+            amplitudes; empty if the campaign states its laws.
         scatter: Scatter of omega_n [rad/s] and zeta between runs.
         y_peak: Largest measured displacement [m]; 0 if unknown.
         khat: Shape of the tail of the importance weights.
@@ -73,6 +75,7 @@ class DrawnPosterior(Attributes):
     decay: Json[DecayConstants] = DecayConstants()
     lacking: Json[tuple[Any, ...]] = ()
     points: Json[tuple[str, ...]] = ()
+    rivals: Json[tuple[str, ...]] = ()
     scatter: Annotated[tuple[float, ...], BeforeValidator(_as_list)] = ()
     substeps: int | None = None
     y_peak: float | None = None

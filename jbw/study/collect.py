@@ -8,6 +8,7 @@ records are independent. The prior 1/sigma of the noise is therefore in `log_pri
 densities of what a noise test determined before.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -118,7 +119,9 @@ def collect(
 def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str, float]) -> Groups:
     """Return the result groups of the FRF fit (Step 2) and of each posterior, by path."""
     joint = posteriors.joint
-    facts = joint.tree.attrs | run_attrs(measured.tests, joint, posteriors.free.data)
+    facts = joint.tree.attrs | run_attrs(
+        measured.tests, joint, posteriors.free.data, measured.rivals
+    )
     groups: Groups = {"/": xr.Dataset(attrs=facts)}
     if measured.linear is not None:
         groups["/steps/linear"] = linear_dataset(measured.linear)
@@ -152,7 +155,10 @@ def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: 
 
 
 def run_attrs(
-    tests: Sequence[Test], joint: JointPosterior, decays: Decays | None
+    tests: Sequence[Test],
+    joint: JointPosterior,
+    decays: Decays | None,
+    rivals: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Return the attributes of a run that predictions need in addition to posterior draws.
 
@@ -161,6 +167,7 @@ def run_attrs(
     posterior = joint.draws
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
     attrs = basis_attrs(tests, joint.fitted.data, joint.held, omega_n)
+    attrs |= {"rivals": json.dumps(list(rivals))} if rivals else {}
     return attrs | ({} if decays is None else decay_attrs(decays))
 
 

@@ -314,13 +314,13 @@ def prepared(
         load = replace(load, harmonics=1 if _third(few[0], y) < ONE_HARMONIC else MANY)
     missed = NOTHING if basis.discrepancy is None else basis.discrepancy.at(y_seen)
     members = members_of(basis, load, load.draws, missed)
-    withheld = basis.withholds((y_seen,))
+    why = basis.why_withheld((y_seen,))
     warnings = (
-        *messages.warnings_of(what, y_seen, reach, BEYOND, withheld=withheld),
+        *messages.warnings_of(what, y_seen, reach, BEYOND, why),
         *_internal_resonances(few[0], y, what),
         *_thresholds_beyond(few[0], y, basis.y_peak, what),
     )
-    return Prepared(members, reach, withheld, load, warnings)
+    return Prepared(members, reach, bool(why), load, warnings)
 
 
 def by_zones(

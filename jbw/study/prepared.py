@@ -30,6 +30,7 @@ from jbw.measurement.records import Test, drive_of
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.dataset import Dataset
 from jbw.observables.records import compile_beside
+from jbw.oscillator.law import Law
 from jbw.oscillator.laws import law_named
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import laws as messages
@@ -165,7 +166,18 @@ def chosen(
     excluded = [name for name in criteria if name not in errors and criteria[name] > most]
     sentence = messages.chosen_by_fits(best_law, errors, excluded, is_white=is_white)
     report(sentence)
-    return replace(seen, laws=(best_law,)), fits[best_law], sentence
+    rivals = full_slip_beside(best_law, [n for n in criteria if criteria[n] > most])
+    return replace(seen, laws=(best_law,), rivals=rivals), fits[best_law], sentence
+
+
+def full_slip_beside(law: str, excluded: Sequence[str]) -> tuple[str, ...]:
+    """Return the other laws of a slipping joint that slip fully at some amplitude, as Iwan's does.
+
+    Records below that amplitude may follow either law. `excluded` are laws that they rule out.
+    """
+    kind = next((kind for kind in KINDS_OF_FORCE if law in kind), ())
+    others = [name for name in kind if name != law and name not in excluded]
+    return tuple(n for n in others if law_named(n).thresholds is not Law.thresholds)
 
 
 def _trials(

@@ -46,7 +46,7 @@ def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study
 def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
     """Return the result tree of a fit without sampling: Gaussian draws and the backbone."""
     joint = posteriors.joint
-    attrs = joint.tree.attrs | run_attrs(seen.tests, joint, posteriors.free.data)
+    attrs = joint.tree.attrs | run_attrs(seen.tests, joint, posteriors.free.data, seen.rivals)
     parts = {**groups_in(joint.tree), **posteriors.checks.groups}
     groups = {"/": xr.Dataset(attrs=attrs), **{f"/{name}": part for name, part in parts.items()}}
     tree = xr.DataTree.from_dict(groups)

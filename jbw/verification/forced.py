@@ -108,9 +108,9 @@ class ForcedTests:
         if extrapolation is not None and not is_fitted:
             attrs |= {"extrapolation": extrapolation}
         compared = predicted.dataset.assign_attrs(attrs)
-        withheld = not is_fitted and self.basis.withholds(predicted.amplitudes)
+        why = "" if is_fitted else self.basis.why_withheld(predicted.amplitudes)
         where = place(f"verification/{kind}", name)
-        return where, without_band(compared) if withheld else compared
+        return where, without_band(compared, why) if why else compared
 
     def frf(self, motion: Motion) -> Placed:
         """Yield the measured and predicted frequency response in the most driven band."""

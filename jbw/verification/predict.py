@@ -87,7 +87,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
         "noise": says if options.noise else LEFT_OUT,
     }  # fmt: skip
     is_unseen = options.noise and not basis.has_fitted(test)
-    withheld = is_unseen and basis.withholds(predicted.amplitudes)
+    why = basis.why_withheld(predicted.amplitudes) if is_unseen else ""
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
         facts |= {"lacking": ", ".join(lacking)}
@@ -95,14 +95,14 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     if np.isfinite(test.level) and not test.traits.is_free:
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
         facts |= {"level": test.level, "level_unit": unit}
-    if options.noise and noise.std is not None and not withheld:
+    if options.noise and noise.std is not None and not why:
         facts |= {"noise_std": noise.std}
     if peak is not None:
         facts |= {"y_peak": band(peak)}
     if (extrapolation := predicted.extrapolation(basis)) is not None:
         facts |= {"y_peak_fitted": basis.y_peak, "extrapolation": extrapolation}
     dataset = dataset.assign_attrs(facts)
-    dataset = without_band(dataset) if withheld else dataset
+    dataset = without_band(dataset, why) if why else dataset
     attrs, dropped = dataset.attrs, []
     if not options.noise or not has_noise:
         dropped += [name for name in dataset.data_vars if "predictive" in str(name)]

@@ -18,7 +18,7 @@ from jbw.observables.groups import Groups
 from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, alone, prediction
 from jbw.report.messages import verification as messages
-from jbw.report.messages.discrepancy import WITHHELD
+from jbw.report.messages.discrepancy import withheld
 from jbw.verification.bands import LAW, about_law, band, middle
 from jbw.verification.predictive_basis import (
     Basis,
@@ -255,9 +255,9 @@ def of_repeats(groups: Groups, group: int = 0) -> RepeatNoise:
     return RepeatNoise(float(np.sqrt(within / (size * (count - 1)))), REPEATS)
 
 
-def without_band(dataset: xr.Dataset) -> xr.Dataset:
-    """Return the prediction of a test without the band; the attribute `noise` states the reason."""
+def without_band(dataset: xr.Dataset, why: str) -> xr.Dataset:
+    """Return the prediction of a test without the band; the attribute `noise` states why."""
     bands = [name for name in dataset.data_vars if "predictive" in str(name)]
     bare = dataset.drop_vars(bands)
     bare.attrs = {name: value for name, value in dataset.attrs.items() if name not in OF_BAND}
-    return bare.assign_attrs(noise=WITHHELD, withheld=1)
+    return bare.assign_attrs(noise=withheld(why), withheld=1)

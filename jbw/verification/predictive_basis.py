@@ -15,6 +15,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.discrepancy import NOTHING, AtAmplitude, Discrepancy, discrepancy_in
 from jbw.inference.generator import generator
 from jbw.inference.posterior.summary import evenly_spaced, posterior_draws
+from jbw.inference.thresholds import BEYOND
 from jbw.measurement.curves import response_curve
 from jbw.measurement.records import INPUTS, RESPONSES, Test, belongs_to, drive_of, run_of
 from jbw.observables.dataset import Dataset, largest_displacement
@@ -32,6 +33,7 @@ from jbw.quantities import (
     RESIDUAL_TERMS,
     motion_factors_in,
 )
+from jbw.report.messages import discrepancy as messages
 from jbw.results.attributes import DecayConstants, DrawnPosterior
 
 # name of the draws before stated clock and calibration errors were added
@@ -87,6 +89,8 @@ class Basis:
     lacking: tuple[str, ...] = ()
     points: tuple[str, ...] = ()  # additional points where responses are measured
     discrepancy: Discrepancy | None = None  # model discrepancy of the law; None if unknown
+    # laws that the fitted tests do not exclude, and that may slip fully at larger amplitudes
+    rivals: Laws = ()
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
         """Return each law's number of draws and the inputs of the predictions with this law."""
@@ -178,10 +182,14 @@ class Basis:
         """Whether the error of the law exceeds the noise of held-out tests."""
         return self.discrepancy is not None and not self.discrepancy.is_nothing
 
-    def withholds(self, amplitudes: Iterable[float]) -> bool:
-        """Return whether a band is withheld: the law's error at an amplitude is unknown."""
-        discrepancy = self.discrepancy
-        return discrepancy is not None and not all(map(discrepancy.is_stated, amplitudes))
+    def why_withheld(self, amplitudes: Iterable[float]) -> str:
+        """Return why the law's error at the given amplitudes is unknown; "" if bands are stated."""
+        reached, discrepancy = list(amplitudes), self.discrepancy
+        if self.rivals and max(reached, default=0.0) > BEYOND * self.y_peak > 0:
+            return messages.rivals_not_excluded(self.rivals)
+        if discrepancy is None or all(map(discrepancy.is_stated, reached)):
+            return ""
+        return messages.ERROR_UNKNOWN
 
     def has_fitted(self, test: Test) -> bool:
         """Return whether a test was fitted: a fitted group's name begins with the test's name."""
@@ -312,6 +320,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
         discrepancy=discrepancy_in(tree["discrepancy"].to_dataset())
         if "discrepancy" in tree.children
         else None,
+        rivals=stored.rivals,
     )
 
 

@@ -100,7 +100,8 @@ def _verify_free(
             marked = marked.assign_attrs(discrepancy=int(basis.misses))
             if basis.y_peak > 0:
                 marked = marked.assign_attrs(extrapolation=begins / basis.y_peak)
-            marked = without_band(marked) if basis.withholds((begins,)) else marked
+            why = basis.why_withheld((begins,))
+            marked = without_band(marked, why) if why else marked
         groups[place("verification/decay", name)] = marked
     curves = attempts.make(messages.DECAY_CURVES, against_amplitude, None)
     return groups if curves is None else {**groups, "/verification/amplitude": curves}

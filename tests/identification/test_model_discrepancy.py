@@ -58,6 +58,7 @@ from jbw.verification.predictive_basis import Basis
 from jbw.verification.verify import _verify_free
 
 FS, OMEGA_N, ZETA, NOISE = 512.0, 2 * np.pi * 20.0, 4e-3, 1e-3
+WITHHELD = messages.withheld(messages.ERROR_UNKNOWN)
 BAND = (14.0, 26.0)
 RUNS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3)  # first velocity of the records that are fitted [m/s]
 
@@ -439,7 +440,7 @@ def test_a_band_far_beyond_what_was_fitted_is_withheld_in_words():
     _, bare, basis = learned(2e-4)
     far = decays((1e2,), name="far")  # the fitted records lie within a factor of 3.3
     found, before = (predict(one, far, Request(num_draws=20)) for one in (basis, bare))
-    assert found.attrs["noise"] == messages.WITHHELD
+    assert found.attrs["noise"] == WITHHELD
     assert "predictive_band" not in found
     assert not {"coverage", "half_width", "noise_std"} & set(found.attrs)
     assert found.attrs["nrmse"] > 0
@@ -495,14 +496,14 @@ def test_a_band_is_withheld_inside_a_campaign_as_of_a_test_brought_later():
     split, reduced = DecaySplit(fitted, together, names), Decays.of(together, laws=())
     groups = _verify_free(split, reduced, basis, lambda *_: {}, 0, Attempts())
     far, near = (groups[f"/verification/decay/{name}"] for name in names[-2:])
-    assert (far.attrs["noise"], far.attrs["withheld"]) == (messages.WITHHELD, 1)
+    assert (far.attrs["noise"], far.attrs["withheld"]) == (WITHHELD, 1)
     assert "predictive_band" not in far
     assert not {"coverage", "half_width", "num_values"} & set(far.attrs)
     assert "withheld" not in near.attrs
     assert near.attrs["coverage"] >= 0.95
     # One of a test's records is enough: the band of a test brought later is of all of them.
     later = replace(unseen, name="later")
-    assert predict(basis, later, Request(num_draws=20)).attrs["noise"] == messages.WITHHELD
+    assert predict(basis, later, Request(num_draws=20)).attrs["noise"] == WITHHELD
 
 
 def test_a_kind_that_was_not_left_out_takes_the_largest_share():

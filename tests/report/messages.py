@@ -382,7 +382,7 @@ OF_TOPICS = {
     ],
     "loads": [
         loads.sine(0.02, "V"), loads.limit(5.0, "g"), loads.random(1.2, "g"),
-        *loads.warnings_of("A sine of 2 V", 4e-3, 1.8, 1.25, withheld=True),
+        *loads.warnings_of("A sine of 2 V", 4e-3, 1.8, 1.25, discrepancy.ERROR_UNKNOWN),
         loads.internal_resonance("A sine of 2 V", 18.5, 57.3), loads.isolated("A sine of 2 V", 0.5),
         loads.threshold_beyond("A sine of 2 V", "macroslip", 1e-3, "the slip force"),
         loads.LOADS_OR_TESTS, loads.BASE_NEEDS, loads.RESPONSE_NEEDS, loads.no_quantity("two"),

@@ -39,19 +39,33 @@ UNSCORED = {
         "error there.",
     ),
 }
-WITHHELD = (
-    "The bands of tests and of measurements are withheld: the error of the law exceeds noise, "
-    "and no left-out run determines this error at the amplitude of these tests. Fit a test of the "
-    "same level"
+ERROR_UNKNOWN = (
+    "the error of the law exceeds noise, and no left-out run determines this error at the "
+    "predicted amplitude"
 )
 FIT_THAT_LEVEL = "Fit a test of the level whose bands are withheld."
+
+
+def rivals_not_excluded(laws: Sequence[str]) -> str:
+    """Return the reason why the chosen law has no bands beyond the fitted amplitudes."""
+    return (
+        f"the campaign states no law, and the fitted tests do not exclude {listed(laws)}, whose "
+        "joint may slip fully beyond the largest fitted displacement"
+    )
+
+
+def withheld(why: str) -> str:
+    """Return the note on a test without a band, with the reason and the remedy."""
+    return (
+        f"The bands of tests and of measurements are withheld: {why}. Fit a test of the same level"
+    )
 
 
 def bands_withheld(names: Sequence[str]) -> str:
     """Return the sentence on held-out tests without a band, with the reason."""
     return (
-        f"The bands of {listed(names)} are withheld: the error of the law exceeds noise, and is "
-        "not known at the amplitude of these tests."
+        f"The bands of {listed(names)} are withheld: the error of the law is not known "
+        "at the amplitude of these tests."
     )
 
 

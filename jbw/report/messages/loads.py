@@ -32,19 +32,16 @@ def shock(unit: str, pulse: Any) -> str:
     return f"A shock of {max(abs(pulse.samples)):.3g} {unit} over {1e3 * pulse.duration:.3g} ms"
 
 
-def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: bool) -> Iterator[str]:
-    """Yield warnings on a prediction under a load: extrapolation, or a missing band."""
+def warnings_of(what: str, y: float, reach: float, most: float, why: str) -> Iterator[str]:
+    """Yield warnings on a prediction under a load: extrapolation, and why a band is withheld."""
     if reach > most:
         yield (
             f"{what} moves the joint by {y:.3g} m, {reach:.2g} times the largest fitted "
             "displacement. No fitted test shows that the joint's law is valid at this "
             "displacement. Add a test of that level to the campaign and identify again."
         )
-    if withheld:
-        yield (
-            f"{what} has no 99 % band, because the error of the law exceeds noise, and no left-out "
-            "run determines this error at the predicted amplitude. Fit a test of the same level."
-        )
+    if why:
+        yield f"{what} has no 99 % band, because {why}. Fit a test of the same level."
 
 
 def threshold_beyond(what: str, mechanism: str, y: float, rests: str) -> str:
