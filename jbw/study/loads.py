@@ -34,6 +34,7 @@ from jbw.units import FACTORS, factor_of
 from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 
+LOAD_DRAWS = 200  # default number of draws; the least that gives the ends of a 99 % band
 FEW = 4  # number of draws for a first estimate of the amplitude under a load
 # One harmonic is accurate to 1e-5 up to this ratio of the third harmonic to the first.
 ONE_HARMONIC = 1e-3
@@ -65,7 +66,7 @@ class Load:
     """
 
     drive: str = "force"
-    draws: int = NUM_DRAWS
+    draws: int = LOAD_DRAWS
     participation: float = float("nan")
     shape: float = 1.0
     harmonics: int | None = None
@@ -463,12 +464,14 @@ def peak_of(level: float) -> Callable[[Member], Values]:
 def bands(values: Sequence[Values], *, withheld: bool = False) -> Values:
     """Return the 99 % band (low, median, high) over all draws; both ends are NaN if withheld.
 
-    Draws without a value are ignored, such as the jump of a curve that does not fold.
+    Draws without a value are ignored, such as the jump of a curve that does not fold. The quantile
+    p of n draws is the value number p (n + 1) in rising order, so that a further draw is outside
+    with the probability 1 - 0.99, if there are `LOAD_DRAWS` or more.
     """
     drawn = np.concatenate(values)
     found = np.full((len(QUANTILES), *drawn.shape[1:]), np.nan)
     has_value = np.any(np.isfinite(drawn), axis=0)
-    found[:, has_value] = np.nanquantile(drawn[:, has_value], QUANTILES, axis=0)
+    found[:, has_value] = np.nanquantile(drawn[:, has_value], QUANTILES, axis=0, method="weibull")
     if withheld:
         found[[0, -1]] = np.nan
     return found

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from made_runs import GAIN, JOINT, OMEGA_N, SILENT, ZETA, Z, a_test, a_tree, same, spread
+from scipy.stats import norm
 
 import jbw
 import jbw.study.study as module
@@ -15,7 +16,7 @@ from jbw.errors import ConfigError, DataError, ModelError
 from jbw.forced.equivalent import equivalent_motion
 from jbw.forced.profiles import profile_of
 from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
-from jbw.study.loads import Load, Member, SeenResponse, response_of
+from jbw.study.loads import LOAD_DRAWS, Load, Member, SeenResponse, bands, response_of
 from jbw.study.loads_in_time import _random
 from jbw.study.loads_of_sines import _isolated
 from jbw.study.study import Study
@@ -33,6 +34,16 @@ def study_of(draws, **options):
 def golden_study():
     """The golden joint with gain 2, of which velocity was measured."""
     return study_of({**same(GOLDEN_JOINT), "gain": np.full(4, 2.0)})
+
+
+def test_a_band_contains_a_further_draw_with_99_percent():
+    """By the share of a normal distribution between the ends, over 5,000 sets of draws.
+
+    That share has a standard deviation of 0.007 for 200 draws, and its mean one of 1e-4.
+    """
+    drawn = np.random.default_rng(0).standard_normal((LOAD_DRAWS, 5000))
+    low, _, high = bands([drawn])
+    assert np.mean(norm.cdf(high) - norm.cdf(low)) == pytest.approx(0.99, abs=4e-4)
 
 
 def test_the_resonance_is_the_golden_one_in_what_was_measured(golden_study):
