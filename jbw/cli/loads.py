@@ -108,12 +108,13 @@ def predict_loads(
     from jbw.measurement.records import BASE
     from jbw.report.load_section import load_rows, load_table
     from jbw.run.files import hash_of
-    from jbw.study.loads import Load, load_on
+    from jbw.study.loads import LOAD_DRAWS, Load, load_on
     from jbw.study.store import save_loads
     from jbw.verification.predict import warnings_of
 
     load = Load(
-        drive=BASE if options.base else "force", draws=options.draws,
+        drive=BASE if options.base else "force",
+        draws=LOAD_DRAWS if options.draws is None else options.draws,
         participation=options.participation, shape=options.shape, unit=options.unit,
     )  # fmt: skip
     load = load_on(basis, load)

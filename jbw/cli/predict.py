@@ -97,7 +97,9 @@ class FromTo(click.ParamType):
     help="Include only the uncertainty of the parameters in the bands.",
 )
 @click.option(
-    "--draws", type=int, default=100, show_default=True, help="Draws from which bands are computed."
+    "--draws",
+    type=int,
+    help="Draws from which bands are computed; by default 100 for tests and 200 for loads.",
 )
 @out_option("DIR/predictions")
 @json_option
@@ -136,7 +138,9 @@ def predict(folder: Path, campaign: Path | None, **stated: Any) -> None:
         if loads:
             return predict_loads(folder, basis, basis_inputs(folder), options, say)
         # Planned tests use the unit of the run's source, whatever gain the campaign states.
-        request = predicting.Request(options.draws, not options.without_noise)
+        request = predicting.Request(noise=not options.without_noise)
+        if options.draws is not None:
+            request = replace(request, num_draws=options.draws)
         requests = [(test, request) for test in _planned(basis, options)]
         inputs = basis_inputs(folder)
         if campaign is None and (options.names or not requests):
