@@ -35,11 +35,12 @@ from jbw.cli.printing import (
 )
 from jbw.cli.progress import computing
 from jbw.cli.result import save_brief
+from jbw.cli.status import outcomes_table
 from jbw.errors import JbwError
 from jbw.report.messages import commands as messages
 from jbw.report.messages.opening import headline
 from jbw.report.messages.stages import SAVED
-from jbw.report.table import Table, digits, table, words
+from jbw.report.table import Table
 from jbw.run.checkpoints import INTERRUPTED
 from jbw.run.folder import OF_RIG, Run, begin, reopen, require_same
 from jbw.run.manifest import KEPT, Keep, Manifest, command_line
@@ -48,7 +49,6 @@ if TYPE_CHECKING:
     from jbw.results.run import RunSummary, StoredVerdict  # loads pydantic
 
 Say = Callable[[str], None]
-MOST_ROWS = 40  # largest number of campaigns of which each has a line in the table
 
 
 @click.command()
@@ -240,28 +240,15 @@ def identify_several(
         for outcome in outcomes:
             if outcome.status == "done":
                 save_brief(Path(outcome.folder))
-    answer(json_, {"out": str(out), "campaigns": rows}, several_table(rows), saved=f"Runs: {out}")
+    answer(
+        json_, {"out": str(out), "campaigns": rows}, outcomes_table(outcomes), saved=f"Runs: {out}"
+    )
     failed = [outcome.exit_code for outcome in outcomes if outcome.status == "failed"]
     if failed:
         return failed[0]
     if asked.get("quick"):  # a quick run assesses nothing
         return NOT_TRUSTED if strict else 0
     return max(exit_code_of(outcome.verdict, strict=strict) for outcome in outcomes)
-
-
-def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """Return the table of several campaigns, with one line each; of many, only the failed ones."""
-    done = sum(row["status"] == "done" for row in rows)
-    shown = [row for row in rows if len(rows) <= MOST_ROWS or row["status"] == "failed"]
-    return table(
-        f"{done} of {len(rows)} campaigns are identified",
-        [{**row, "run": Path(row["folder"]).name} for row in shown],
-        words("run", "run"),
-        words("status", "status"),
-        words("verdict", "verdict"),
-        digits("s", "wall_time_s"),
-        words("error", "error", "left wrap"),
-    )
 
 
 @click.command()

@@ -1,6 +1,7 @@
 """The command on the progress of runs: `jbw status RUNS`."""
 
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -10,9 +11,11 @@ from jbw.cli.options import json_option, run_argument
 from jbw.cli.printing import answer, duration
 from jbw.errors import RunError
 from jbw.report.messages import status as messages
-from jbw.report.table import table, words
+from jbw.report.table import Table, digits, table, words
 from jbw.run.folder import HIDDEN, MANIFEST
-from jbw.run.outcomes import FleetProgress, progress
+from jbw.run.outcomes import FleetProgress, RunOutcome, progress
+
+MOST_ROWS = 40  # largest number of campaigns of which each has a line in the table
 
 
 @click.command()
@@ -38,21 +41,29 @@ def status(folder: Path, json_: bool) -> None:
         "command": found.command,
         "runs": [asdict(outcome) for outcome in found.outcomes],
     }
-    failed = [
-        {"run": Path(outcome.folder).name, "error": outcome.error}
-        for outcome in found.outcomes
-        if outcome.status == "failed"
-    ]
-    title = messages.NOT_IDENTIFIED
-    rows = table(title, failed, words("run", "run"), words("error", "error", "left wrap"))
-    answer(json_, record, *sentences(found), rows)
+    answer(json_, record, *sentences(found), outcomes_table(found.outcomes))
+
+
+def outcomes_table(outcomes: Sequence[RunOutcome]) -> Table:
+    """Return the table of several campaigns, with one line each; of many, only the failed ones."""
+    done = sum(outcome.status == "done" for outcome in outcomes)
+    shown = [o for o in outcomes if len(outcomes) <= MOST_ROWS or o.status == "failed"]
+    return table(
+        f"{done} of {len(outcomes)} campaigns are identified",
+        [{**asdict(outcome), "run": Path(outcome.folder).name} for outcome in shown],
+        words("run", "run"),
+        words("status", "status"),
+        words("verdict", "verdict"),
+        digits("s", "wall_time_s"),
+        words("error", "error", "left wrap"),
+    )
 
 
 def sentences(found: FleetProgress) -> list[str]:
     """Return sentences on the progress of runs: numbers, verdicts, time left, command to repeat."""
-    statuses = Counter(outcome.status for outcome in found.outcomes)
+    done = sum(outcome.status == "done" for outcome in found.outcomes)
     verdicts = Counter(outcome.verdict for outcome in found.outcomes if outcome.verdict)
-    said = [messages.numbers(statuses["done"], statuses["failed"], found.num_left)]
+    said = [messages.numbers(done, len(found.outcomes) - done, found.num_left)]
     if verdicts:
         said.append(messages.verdicts(verdicts))
     if found.num_left:

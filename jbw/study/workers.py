@@ -49,7 +49,7 @@ def dask_executor(address: str) -> Iterator[Executor]:
             "--scheduler tcp://localhost:8786.",
         ) from error
     with client:
-        if not client.scheduler_info()["workers"]:
+        if not client.nthreads():
             raise ConfigError(
                 f"The Dask scheduler at {address} has no workers.",
                 remedy=f"Start some, here two: dask worker {address} --nworkers 2 --nthreads 1",

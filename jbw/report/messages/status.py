@@ -4,7 +4,6 @@ import shlex
 from collections.abc import Mapping, Sequence
 
 MOST_NAMES = 8  # number of runs that a sentence names
-NOT_IDENTIFIED = "Campaigns that failed"
 
 
 def numbers(done: int, failed: int, left: int) -> str:
