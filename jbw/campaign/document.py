@@ -385,14 +385,6 @@ def campaign_in(folder: Path) -> Path | None:
     return usual[0] if len(usual) == 1 else None
 
 
-def campaigns_below(folder: Path) -> list[Path]:
-    """Return the campaign files in the folders of a folder that has no TOML file itself."""
-    if any(folder.glob("*.toml")):
-        return []
-    inside = (campaign_in(path) for path in sorted(folder.iterdir()) if path.is_dir())
-    return [path for path in inside if path is not None]
-
-
 def require_file(path: Path, what: str, remedy: str) -> None:
     """Raise a ConfigError unless a path is a readable file; see `text_of` for the arguments."""
     try:
@@ -405,10 +397,10 @@ def require_file(path: Path, what: str, remedy: str) -> None:
             remedy="Ask the owner of the file for permission to read the file and the folder.",
         ) from None
     if is_folder:
-        inside = sorted(path.glob("*.toml"))
+        inside = sorted(path.glob("*.toml")) or sorted(path.glob("*/*.toml"))
         raise ConfigError(
             f"{what} `{path}` must be a file, but it is a folder.",
-            remedy=f"Name the file in this folder: {shlex.quote(str(inside[0]))}"
+            remedy=f"Name one file in it: {shlex.quote(str(inside[0]))}"
             if inside
             else remedy.replace("FOLDER", shlex.quote(str(path))),
         )

@@ -164,7 +164,8 @@ def start_campaign(
                 ["Export the records to one of: " + ", ".join(READERS) + ".", *_once(assumed)]
             ),
         )
-    head = _head(folder, mass, torques)
+    title = folder.resolve().name if files is None else shared_name(visible[0])
+    head = _head(title or "campaign", mass, torques)
     drafted = any("\nband = " in block for block in blocks)
     optional = commented(TestSpec, [key for key in OPTIONAL if not (drafted and key == "band")])
     foot = [
@@ -178,9 +179,9 @@ def start_campaign(
     return Draft("\n".join([*head, *blocks, *foot]), tuple(_once(assumed)))
 
 
-def _head(folder: Path, mass: float | None, torques: Collection[str]) -> list[str]:
-    """Return the lines of [campaign], and of [assembly] if the file names contain one torque."""
-    name = f"name = {toml(folder.resolve().name or 'campaign')}"
+def _head(title: str, mass: float | None, torques: Collection[str]) -> list[str]:
+    """Return the lines of [campaign], and of [assembly] if the names contain one torque."""
+    name = f"name = {toml(title)}"
     offered = commented(Head, ("modal_mass", "gain")[mass is not None :])
     stated = [] if mass is None else [f"modal_mass = {toml(mass)}"]
     head = [messages.HEAD, name, *stated, *offered, ""]
@@ -219,8 +220,8 @@ def _tests(
 
 
 def _torque_of(path: Path) -> str:
-    """Return the tightening torque in a file's name, as written there; empty if there is none."""
-    found = TORQUE.search(path.stem)
+    """Return the torque in the name of a file or of its folder, as written there, or ""."""
+    found = TORQUE.search(path.stem) or TORQUE.search(path.resolve().parent.name)
     return found.group(0).strip("_ -") if found else ""
 
 
@@ -337,6 +338,14 @@ def measurement_files(folder: Path) -> list[Path]:
             f"Folder `{folder}` cannot be read: {error.strerror or error}.",
             remedy="Change the permissions of the folder, or copy the records to another folder.",
         ) from error
+
+
+def folders_of_records(folder: Path) -> list[Path]:
+    """Return the folders with records or a campaign file in a folder that has neither itself."""
+    if not folder.is_dir() or any(folder.glob("*.toml")) or measurement_files(folder):
+        return []
+    inside = [path for path in sorted(folder.iterdir()) if path.is_dir()]
+    return [path for path in inside if any(path.glob("*.toml")) or measurement_files(path)]
 
 
 def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:

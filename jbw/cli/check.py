@@ -38,8 +38,18 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
     """Read the records in FOLDER and write FOLDER/campaign.toml.
 
     An existing campaign file is never overwritten. Facts that the records do not state are marked
-    CHECK.
+    CHECK. If FOLDER contains only folders of records, each of them gets a campaign file.
     """
+    from jbw.campaign.document import campaign_in
+    from jbw.campaign.draft import folders_of_records
+
+    several = [path for path in folders_of_records(folder) if campaign_in(path) is None]
+    for each in several or [folder]:
+        _draft(each, print_, ask, json_)
+
+
+def _draft(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
+    """Draft the campaign of one folder of records, and write or print it."""
     from jbw.campaign.draft import start_campaign, write_campaign
 
     if ask:

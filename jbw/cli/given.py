@@ -8,12 +8,12 @@ from jbw.campaign.document import (
     CAMPAIGN,
     NAMED,
     campaign_in,
-    campaigns_below,
     is_campaign,
     require_file,
 )
 from jbw.campaign.draft import (
     Draft,
+    folders_of_records,
     measurement_files,
     shared_name,
     start_campaign,
@@ -28,10 +28,10 @@ Tell = Callable[[str], None]
 def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -> list[Path]:
     """Return the campaign files for given paths; draft one for records without a campaign.
 
-    A folder refers to the campaign file in it, or to those of its folders; if it contains only
-    records, their campaign is drafted and written there. Named records are drafted into one
-    campaign, which is written next to them. Its name is that of the first record, without its
-    number if there are several.
+    A folder refers to the campaign file in it; if it contains only records, their campaign is
+    drafted and written there; if it contains only folders of either, to all of these. Named
+    records are drafted into one campaign, which is written next to them. Its name is that of the
+    first record, without its number if there are several.
 
     Args:
         given: Campaign files, folders, records, or patterns of their names.
@@ -75,10 +75,9 @@ def _there(campaign: Path, mass: float | None) -> Path:
 def _of_folder(folder: Path, tell: Tell, mass: float | None) -> list[Path]:
     if (campaign := campaign_in(folder)) is not None:
         return [_there(campaign, mass)]
-    records = measurement_files(folder)
-    if not records and (several := campaigns_below(folder)):
-        return [_there(campaign, mass) for campaign in several]
-    if any(folder.glob("*.toml")) or not records:
+    if below := folders_of_records(folder):
+        return [campaign for path in below for campaign in _of_folder(path, tell, mass)]
+    if any(folder.glob("*.toml")) or not measurement_files(folder):
         # The error asks the user to name one of several files, or names the command for a draft.
         require_file(folder, *CAMPAIGN)
     return [_written(start_campaign(folder, mass=mass), folder / NAMED, tell)]

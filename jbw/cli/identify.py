@@ -228,8 +228,14 @@ def identify_several(
             from jbw.study.workers import dask_executor
 
             executor = open_.enter_context(dask_executor(scheduler)) if scheduler else None
+            say(messages.identifying(len(campaigns)))
+
+            def ended(sentence: str) -> None:
+                say.remark(sentence)
+                say.within(sentence.partition(":")[0])
+
             outcomes = identify_many(
-                campaigns, out, executor=executor, workers=workers, report=say,
+                campaigns, out, executor=executor, workers=workers, report=ended,
                 command=command_line(), **asked,
             )  # fmt: skip
     except KeyboardInterrupt:

@@ -55,7 +55,10 @@ def load_section(run: Path) -> LoadSection | None:
         found = {str(child.attrs["load"]): child.to_dataset() for child in tree.children.values()}
         rows = [row for name, dataset in found.items() for row in load_rows(name, dataset)]
         figures = [_picture(name, dataset) for name, dataset in found.items()]
-        remark = messages.contains(**next(iter(found.values())).attrs)
+        facts = [messages.contains(**next(iter(found.values())).attrs)]
+        for dataset in found.values():
+            facts += str(dataset.attrs.get("warnings", "")).splitlines()
+        remark = " ".join(dict.fromkeys(facts))
     # The predictions are damaged, but the rest of the report is not.
     except (OSError, KeyError, TypeError, ValueError, StopIteration):
         return LoadSection(messages.unreadable_loads(str(run)), load_table([]))
@@ -105,6 +108,8 @@ def _level(row: LoadNumber) -> str:
 
 
 def _band(row: LoadNumber) -> str:
+    if not row.high - row.low > 0.0:  # The band is withheld, or all draws agree.
+        return number(row.median, digits=4)
     ends = (row.low, row.median, row.high)
     low_text, text, high_text = (number(x, row.high - row.low) for x in ends)
     return f"{text} [{low_text}, {high_text}]"

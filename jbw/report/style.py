@@ -176,5 +176,6 @@ def draw_model(
     holds: str = BAND,
 ) -> None:
     """Draw the model's 99 % band and its median; `band` has lower end, median and upper end."""
-    shade(ax, x, band[0], band[2], MODEL, holds, alpha=0.4)
+    if np.any(np.isfinite(band[0])):  # otherwise the band is withheld
+        shade(ax, x, band[0], band[2], MODEL, holds, alpha=0.4)
     ax.plot(x, band[1], color=MODEL, lw=1.0, ls=ls, label=label)

@@ -165,6 +165,7 @@ def _trend(
         low, high = middle - np.hypot(middle - low, reach), middle + np.hypot(high - middle, reach)
     rising, falling = (
         bool(np.all(np.mean(sign * np.diff(values, axis=0) > 0, axis=1) > QUANTILES[2]))
+        and bool(np.all(np.diff(doublings) > 0))  # Runs of one torque have no order.
         for sign in (1, -1)
     )
     word = "rises" if rising or low > 0 else "falls" if falling or high < 0 else ""

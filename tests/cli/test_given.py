@@ -77,8 +77,22 @@ def test_a_folder_of_folders_stands_for_their_campaigns(tmp_path):
         given(*taps(unit, "tap.csv"))
     (tmp_path / "units" / "notes").mkdir()
     assert given(tmp_path / "units")[0] == [unit / "tap.toml" for unit in reversed(units)]
+    (units[0] / "tap.toml").unlink()  # a folder of records is drafted
+    assert given(tmp_path / "units")[0] == [units[1] / "tap.toml", units[0] / "campaign.toml"]
     taps(tmp_path / "units", "tap.csv")  # a folder with records of its own is one campaign
     assert given(tmp_path / "units")[0] == [tmp_path / "units" / "campaign.toml"]
+
+
+def test_init_drafts_every_folder_of_a_folder(tmp_path, capsys):
+    for name in ("bracket_1_6Nm", "bracket_2_12Nm"):
+        (tmp_path / name).mkdir()
+        taps(tmp_path / name, "tap_1.csv", "tap_2.csv")
+    assert run(["init", str(tmp_path)]) == 0
+    paths = capsys.readouterr().out.split()
+    assert paths == [str(tmp_path / f"bracket_{n}" / "campaign.toml") for n in ("1_6Nm", "2_12Nm")]
+    assert [load_campaign(path).assembly.torque for path in paths] == [6.0, 12.0]
+    assert run(["check", str(tmp_path)]) == 2
+    assert f"Name one file in it: {paths[0]}" in capsys.readouterr().err
 
 
 def test_a_folder_is_its_campaign_or_is_drafted(tmp_path):

@@ -71,6 +71,11 @@ def one_at_a_time(first: str, second: str) -> str:
     return f"Name one campaign at a time, not both {first} and {second}."
 
 
+def identifying(number: int) -> str:
+    """Return the stage of the identification of several campaigns."""
+    return f"Identifying {number} campaigns"
+
+
 def no_command(name: str, nearest: str) -> str:
     """Return the message that a command does not exist, with the most similar command."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""

@@ -74,6 +74,11 @@ def only_one(names: Sequence[str]) -> str:
 
 def not_usable(run: str, verdict: str) -> str:
     """Return the sentence that a run's numbers must not be used, because of its verdict."""
+    if verdict == "not assessed":
+        return (
+            f"Run {run} is a first answer, which is not assessed: to sample the posterior, jbw "
+            "resume DIR, where DIR is the folder of this run."
+        )
     return f"The verdict of run {run} is {verdict}: read its report before you use its numbers."
 
 
@@ -134,8 +139,12 @@ def with_torque(quantity: str, amplitude: str, change: str, word: str, *, steady
     """
     if not word:
         return f"At {amplitude} the {quantity} shows no trend with torque: {change} per doubling."
-    how = "with torque" if steady else "from each torque to the next, but not steadily"
-    return f"At {amplitude} the {quantity} {word} {how}: {change} per doubling."
+    if steady:
+        return f"At {amplitude} the {quantity} {word} with torque: {change} per doubling."
+    return (
+        f"At {amplitude} the {quantity} {word} from each torque to the next, by unequal amounts: "
+        f"the line through all torques changes by {change} per doubling."
+    )
 
 
 SCATTER = (
