@@ -41,7 +41,8 @@ def dask_executor(address: str) -> Iterator[Executor]:
             remedy='Install it: pip install "jbw[dask]".',
         ) from error
     try:
-        client = Client(address, timeout=ANSWER_S)
+        # As the default client, it would also be used by xarray's writing in this process.
+        client = Client(address, timeout=ANSWER_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise ConfigError(
             f"No Dask scheduler answers at {address}: {error or type(error).__name__}.",

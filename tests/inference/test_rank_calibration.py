@@ -257,5 +257,5 @@ def test_counts_that_cannot_be_meant(options, says):
 
 def test_a_quantity_needs_a_name_of_its_own():
     model = Model(simulate, log_likelihood, BOX, {"a": lambda theta, data: theta["a"]})
-    with pytest.raises(ConfigError, match="'a' has the name of"):
+    with pytest.raises(ConfigError, match="'a' has a reserved name"):
         run(EXACT, model=model)
