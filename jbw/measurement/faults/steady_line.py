@@ -22,11 +22,15 @@ LEAST = 2e-3
 # largest amplitude of a steady line, relative to the start of a decay; once the decay has fallen to
 # a tenth, the error is 10 %
 SPOILS = 0.01
+# Largest change of the logarithm of a line's amplitude over a record. A line that falls faster is
+# motion of the mode, which damps less when it is small.
+STEADY = 0.7
+FASTEST = 30.0  # largest such change that is tried
 STANDS_OUT = 60.0  # smallest height above the local median of a sweep's residual
 
 
 class UndecayingLine(Hypothesis):
-    """A line of constant amplitude: amplitude, phase and frequency."""
+    """A line of constant amplitude: amplitude, phase, frequency and, of a decay, its fall."""
 
     name = "steady line"
 
@@ -45,7 +49,7 @@ class UndecayingLine(Hypothesis):
             return False
         if isinstance(fits, SweepFits):
             return remainder(fits).line > STANDS_OUT
-        return self.share(values, fits) > LEAST
+        return self.share(values, fits) > LEAST and abs(values[3]) < STEADY
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
         """Return the text on a steady line: its frequency and size."""
@@ -90,10 +94,11 @@ def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
     lines = turn * signal.time[-1] / (2 * np.pi)
 
     def with_line(signal: DecaySignal, model: Complexes, values: Reals) -> Complexes:
-        wave = np.exp(2j * np.pi * values[2] / signal.time[-1] * signal.time)
+        pole = 2j * np.pi * values[2] - np.clip(values[3], -FASTEST, FASTEST)
+        wave = np.exp(pole * signal.time / signal.time[-1])
         return model + signal.a0 * (values[0] + 1j * values[1]) * wave
 
-    return DecayCause(np.array([level.real, level.imag, lines]), with_line)
+    return DecayCause(np.array([level.real, level.imag, lines, 0.0]), with_line)
 
 
 def _in_sweep(fits: SweepFits, residual: Complexes) -> SweepCause:
