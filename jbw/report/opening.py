@@ -322,7 +322,8 @@ def fit_sentence(summary: RunSummary) -> str:
     if not errors:
         return messages.NO_FIT_ERROR
     fitted = [row for row in summary.tests or () if row.fitted is None or row.fitted]
-    return messages.fit_errors(len(errors), _span(errors), _noun(fitted))
+    sentence = messages.fit_errors(len(errors), _span(errors), _noun(fitted))
+    return f"{sentence} {messages.LAW_APPROXIMATES}" if summary.exceeds_noise else sentence
 
 
 def _errors(tests: Sequence[StoredTest]) -> str:

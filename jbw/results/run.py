@@ -364,6 +364,7 @@ class RunSummary(Stored):
     wall_time_s: Number = None
     look: StoredLook = StoredLook()
     quick: dict[str, float] | None = None  # errors of a fit without posterior draws, by data group
+    exceeds_noise: bool = False  # whether the residual of a fit without posterior draws does
     opening: list[str] = []
     identifiability: StoredIdentifiability = StoredIdentifiability()
     held_out_answer: HeldOutAnswer = HeldOutAnswer()

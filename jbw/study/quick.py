@@ -1,16 +1,18 @@
 """The quick result of a campaign, in seconds: its fit, with bands from the fit's covariance."""
 
+from typing import Any
+
 import jax
 import xarray as xr
 
 from jbw.errors import Attempts
+from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report
 from jbw.identification.checks import step_of
 from jbw.identification.laplace import about_fit, fit_alone
 from jbw.identification.prepare import Fitted
 from jbw.identification.procedure import Posteriors, identified
 from jbw.inference.posterior.finding import judge
-from jbw.observables import dataset
 from jbw.report.messages import stages
 from jbw.report.messages.opening import by_the_fit
 from jbw.report.opening import effect_sentence, fit_sentence, known_parameters
@@ -39,7 +41,7 @@ def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study
     checks = posteriors.checks
     statements = *prepared.sentences, *checks.statements, about_instruments(order, prepared)
     identification = identified(measured, posteriors, judge(checks.findings), statements)
-    notes = {"quick": fit_errors(posteriors.joint.fitted)}
+    notes = fit_notes(posteriors.joint.fitted)
     return finished_study(order, prepared, identification, comparisons, notes=notes)
 
 
@@ -57,11 +59,13 @@ def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
     return xr.DataTree.from_dict({**tree.to_dict(), "/verification/backbone": curve})
 
 
-def fit_errors(fitted: Fitted) -> dict[str, float]:
-    """Return the fit's error for each data group, relative to the rms of the group's data."""
-    residuals = dataset.residual_by_label(fitted.fit.residual, fitted.data)
-    errors = dataset.error_by_label(residuals, fitted.data)
-    return {label: float(error) for label, error in errors.items()}
+def fit_notes(fitted: Fitted) -> dict[str, Any]:
+    """Return the fit's relative error for each data group, and whether it exceeds noise."""
+    errors, found = errors_and_colour(fitted.fit, fitted.data)
+    return {
+        "quick": {label: float(error) for label, error in errors.items()},
+        "exceeds_noise": found is not None and found.status != "ok",
+    }
 
 
 def report_fit(seen: Measured, fitted: Fitted, seed: int, report: Report) -> None:
@@ -82,8 +86,8 @@ def fit_lines(seen: Measured, fitted: Fitted, seed: int) -> list[str]:
         main="joint",
         steps={"joint": step_record(step, {}, stated=fitted.data.stated)},
         verdict=judged.stored(),
-        quick=fit_errors(fitted),
         tests=[StoredTest(kind=test.kind) for test in seen.chosen],
+        **fit_notes(fitted),
     )
     return [
         by_the_fit(known_parameters(summary)),

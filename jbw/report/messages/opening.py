@@ -14,6 +14,10 @@ NONE_HELD_OUT = (
     "No test was held out; with `hold_out` the report shows how well the model predicts a test."
 )
 FITTED_NOW = "After this check, the held-out tests were included in the fit."
+LAW_APPROXIMATES = (
+    "The residual exceeds noise, so the law is an approximation: the intervals exclude its error, "
+    "which is largest for values at smaller or larger motion than was fitted, such as omega_n."
+)
 NO_FIT_ERROR = "The error of the fit will be known when the posterior is sampled."
 SPREAD = (
     "The fitted repeats range from the strongest to the weakest; `fit_repeats` states how many "
