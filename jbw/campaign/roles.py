@@ -19,7 +19,10 @@ HINTS = (
     (r"restoring|friction", "restoring_force"),
     (r"^freq|^f_?hz$|frequency|frequenz", "frequency"),
     (r"phase|^phi$", "phase"),
-    (r"(?:^|[\W_])base(?:$|[\W_])|(?:shak\w*|vib\w*)[\W_]*table|clamp|fixture", "base"),
+    (
+        r"(?:^|[\W_])(?:base|table|ctrl|control)(?:$|[\W_])|(?:shak\w*|vib\w*)[\W_]*table|clamp|fixture",
+        "base",
+    ),
     (r"vel|laser|vib|^v$|ldv|geschwindigkeit|mobility", "velocity"),
     (r"acc|beschl|inertance|^a_(?!mp)", "acceleration"),
     (

@@ -290,3 +290,17 @@ def test_a_table_to_fill_in_is_of_the_files_kind_and_states_no_unit(tmp_path, st
     assert list(drafted["channels"]) == roles
     assert set(drafted["units"].values()) == {"..."}
     assert drafted["fs"] == "_fs_hz"
+
+
+@pytest.mark.parametrize("base", ["Table ctrl (g)", "Control (g)", "base (g)", "shaker_table (g)"])
+def test_the_accelerometer_of_a_shaker_table_is_the_base(tmp_path, base):
+    t = np.arange(2048) / 512.0
+    columns = np.column_stack([t, np.sin(40 * t**2), np.cos(40 * t**2)])
+    header = f"Time (s),{base},Tip (g)"
+    for level in ("0.02g", "0.06g"):
+        path = tmp_path / f"sweep_{level}_run1.csv"
+        np.savetxt(path, columns, delimiter=",", header=header, comments="", fmt="%.6f")
+    text = start_campaign(tmp_path).text
+    name = base.removesuffix(" (g)")
+    assert text.count('kind = "sweep"') == 2
+    assert f'channels = {{ time = "Time", base = "{name}", acceleration = "Tip" }}' in text
