@@ -26,6 +26,8 @@ from jbw.measurement.delays import on_time
 from jbw.measurement.envelopes import bands_of
 from jbw.measurement.faults.begins_late import blows_seen
 from jbw.measurement.faults.examine import examined_sweep, read_decays
+from jbw.measurement.faults.unlike_gains import FAR_OFF
+from jbw.measurement.faults.unlike_gains import UNITS as FACTORS
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
 from jbw.measurement.readings.statement import (
@@ -64,6 +66,10 @@ logger = logging.getLogger("jbw")
 # If the standard deviation between records, relative to the rms of their mean, exceeds this, the
 # records are no repeats.
 CHANGED = 0.5
+# A record is in another unit if the variation of the frequency between records falls below this
+# fraction with the unit's factor, and with no factor of another record. It takes three records to
+# tell which one it is; of more, those farthest from the others are tried.
+AGREES, LEAST_FOR_UNIT, MOST_FOR_UNIT = 0.1, 3, 3
 # A record that raises one of these errors is listed as unreadable; the others are evaluated.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
 NUM_SHOWN = 2000  # largest number of spectral lines that a figure of a response shows
@@ -547,6 +553,8 @@ def nonlinear(tables: Sequence[RecordTable], labels: Sequence[str] = ()) -> Nonl
     ]
     hz, zeta = trend(tables, "hz"), trend(tables, "zeta")
     differ = _differing(hz, zeta, labels)
+    if differ and (found := in_another_unit(tables, hz)):
+        differ = [messages.another_unit(*found)]
     if y[1] < LEAST_RANGE * y[0]:
         return Nonlinear(False, [*differ, messages.one_amplitude(y[1], len(tables))])
     if not (hz.is_seen or zeta.is_seen) and all(len(table.y) == 1 for table in tables):
@@ -585,6 +593,32 @@ def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) 
         [offset for offset, _ in (hz if seen[0][0] == "frequency" else zeta).offsets]
     )
     return [messages.records_differ(seen, _goes_with(offsets, labels))]
+
+
+def in_another_unit(
+    tables: Sequence[RecordTable], hz: AmplitudeTrend
+) -> tuple[int, int, float, str] | None:
+    """Return the number of a record whose unit is wrong, of all, and its factor and unit; or None.
+
+    With the amplitudes of this one record times the factor, frequency and damping of all records
+    agree at equal amplitude.
+    """
+    count = len(tables)
+    if count < LEAST_FOR_UNIT:
+        return None
+    far = np.argsort([-abs(offset) for offset, _ in hz.offsets])[:MOST_FOR_UNIT]
+    agreed: dict[int, tuple[float, float]] = {}
+    for i in map(int, far):
+        for factor in (each for each in FACTORS if not 1 / FAR_OFF < each < FAR_OFF):
+            scaled = [t._replace(y=t.y * factor) if t is tables[i] else t for t in tables]
+            both = [trend(scaled, quantity) for quantity in ("hz", "zeta")]
+            left = both[0].scatter / hz.scatter if hz.scatter > 0 else np.inf
+            if both[0].is_seen and left < agreed.get(i, (AGREES,))[0]:
+                agreed[i] = left, factor
+    if len(agreed) != 1:
+        return None
+    ((i, (_, factor)),) = agreed.items()
+    return i + 1, count, factor, FACTORS[factor]
 
 
 def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:

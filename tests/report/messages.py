@@ -290,6 +290,7 @@ OF_TOPICS = {
         look.records_differ([("frequency", 0.002), ("damping", 0.03)], "order"),
         look.records_differ([("frequency", 0.002)], "runs"),
         look.records_differ([("frequency", 0.002)], ""),
+        look.another_unit(2, 3, 0.101972, "units of g"),
         look.between_ends([1e-4, 2e-4, 4e-4], -0.013, 1.3, (0.01, 0.012), "softens"),
         look.between_ends([1e-4, 2e-4, 4e-4], 0.0013, 0.13, (0.01, 0.0101), ""),
         look.onset(4e-3, is_linear=True), look.onset(4e-3, is_linear=False),

@@ -157,6 +157,37 @@ def a_table(y, hz, zeta, hz_sd=1e-4, zeta_sd=1e-6):
     return RecordTable(y, hz, zeta, np.eye(len(y)) * hz_sd**2, np.eye(len(y)) * zeta_sd**2)
 
 
+def of_slip(top, *, factor=1.0, shift=0.0):
+    """Readings of a decay of a slipping joint from an amplitude; its unit may be another one."""
+    y = top * np.geomspace(1.0, 0.05, 4)
+    hz = 100.0 * (1 + shift - 0.02 * (y / 1e-3) ** 0.6)
+    zeta = 0.003 + 0.008 * (y / 1e-3) ** 0.6
+    return RecordTable(factor * y, hz, zeta, np.eye(4) * 1e-6, np.eye(4) * 1e-10)
+
+
+@pytest.mark.parametrize("wrong", [0, 1, 2])
+@pytest.mark.parametrize("factor", [9.80665, 1 / 9.80665, 1e3, 0.0254])
+def test_the_one_record_in_another_unit_is_named_with_its_factor(wrong, factor):
+    tops = (1e-3, 0.8e-3, 0.9e-3)
+    tables = [of_slip(top, factor=factor if i == wrong else 1.0) for i, top in enumerate(tops)]
+    said = nonlinear(tables).sentences[0]
+    assert said.startswith(f"Record {wrong + 1} of 3 has other frequencies")
+    assert f"multiplied by {1 / factor:.6g}" in said
+
+
+def test_records_that_differ_otherwise_are_not_called_of_another_unit():
+    tops = (1e-3, 0.8e-3, 0.9e-3)
+    for tables in (
+        [of_slip(top, shift=0.003 * (i == 1)) for i, top in enumerate(tops)],  # tightened again
+        [
+            of_slip(top, factor=9.80665 if i else 1.0) for i, top in enumerate(tops[:2])
+        ],  # which one?
+        [of_slip(top, factor=3.0 if i == 1 else 1.0) for i, top in enumerate(tops)],  # of no unit
+    ):
+        sentences = nonlinear(tables).sentences
+        assert sentences[0].startswith("Records differ at equal amplitude")
+
+
 def test_a_frequency_that_rises_is_said_to_rise_and_few_readings_say_nothing():
     y = np.geomspace(1e-4, 1e-3, 12)
     rng = np.random.default_rng(0)
