@@ -151,12 +151,14 @@ class SeenResponse(NamedTuple):
         unit: Unit of the quantity.
         factor: Factor from SI to the unit.
         source: Unit of the source, such as N or V.
+        in_bands: What the bands of the run contain, in words.
     """
 
     name: str
     unit: str
     factor: float
     source: str
+    in_bands: str = messages.PARAMETERS
 
     @property
     def attrs(self) -> dict[str, str]:
@@ -212,7 +214,8 @@ def measured_of(basis: Basis, load: Load) -> SeenResponse:
     sources = [seen.source for seen in driven if seen.source]
     per_mass = "N/kg" if basis.held.get("gain", 1.0) == 1.0 else "N"
     source = "m/s^2" if load.is_base else sources[0] if sources else per_mass
-    return SeenResponse(name, unit, factor, source)
+    in_bands = messages.in_bands(scatters=len(basis.scatter) > 0, misses=basis.misses)
+    return SeenResponse(name, unit, factor, source, in_bands)
 
 
 def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> list[Member]:
@@ -483,7 +486,7 @@ def labelled(
     """Return a dataset of a predicted response, with attributes that describe its load."""
     facts = {
         "drive": load.drive, "source_unit": seen.source, "quantity": seen.name,
-        "num_draws": load.draws, "harmonics": load.harmonics or 1, "band": messages.IN_BANDS,
+        "num_draws": load.draws, "harmonics": load.harmonics or 1, "band": seen.in_bands,
     }  # fmt: skip
     if load.is_base:
         facts |= {"participation": load.participation, "shape": load.shape}

@@ -391,8 +391,9 @@ OF_TOPICS = {
         loads.bare_level("V"), loads.DOWNWARD, loads.OF_SPECTRUM,
         loads.in_report("run"), loads.earlier_posterior("run"), loads.unreadable_loads("run"),
         loads.heading("response at 2 V"),
-        loads.contains(loads.IN_BANDS, 100, "force"),
-        loads.contains(loads.IN_BANDS, 100, "base", participation=1.3, shape=1.0),
+        loads.contains(loads.in_bands(scatters=True, misses=True), 100, "force"),
+        loads.contains(loads.in_bands(scatters=False, misses=False), 100, "force"),
+        loads.contains(loads.PARAMETERS, 100, "base", participation=1.3, shape=1.0),
     ],
     "run": [
         *constants(run), run.stopping(waits=True), run.stopping(waits=False),

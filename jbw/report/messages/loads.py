@@ -4,11 +4,10 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
+from jbw.report.messages.message import listed
+
 DOWNWARD, OF_SPECTRUM = "downward sweep, 99 % band", "natural frequency, Q = 10"
-IN_BANDS = (
-    "the uncertainty of the parameters, the variation between runs and the model discrepancy, but "
-    "no measurement noise"
-)
+PARAMETERS = "the uncertainty of the parameters"
 HERTZ, NUMBER, METRE = {"units": "Hz"}, {"units": "1"}, {"units": "m"}
 
 
@@ -132,6 +131,14 @@ def bare_level(unit: str) -> str:
         "State --level of a sweep, of steps or of a tone in the unit of the run's source, "
         f"not in {unit}."
     )
+
+
+def in_bands(*, scatters: bool, misses: bool) -> str:
+    """Return what the bands of a run contain: variation between runs and discrepancy, if known."""
+    parts = [PARAMETERS]
+    parts += ["the variation between runs"] if scatters else []
+    parts += ["the model discrepancy"] if misses else []
+    return f"{listed(parts)}, but no measurement noise"
 
 
 def contains(
