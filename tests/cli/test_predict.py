@@ -158,7 +158,7 @@ def test_a_source_in_newtons_needs_a_mass(finished, capsys):
     path = write_campaign(data, "force", "N")
     assert run(["predict", str(folder), "--campaign", str(path), "--test", "weak"]) == 3
     stderr = capsys.readouterr().err
-    assert "source in N, but the run's gain is per V" in stderr
+    assert "has the unit N, but the run's gain is per V" in stderr
     assert "modal_mass" in stderr
     path = write_campaign(data, "force", "N", gain=f"modal_mass = {1 / GAIN}")
     assert run(["predict", str(folder), "--campaign", str(path), "--test", "weak"]) == 0

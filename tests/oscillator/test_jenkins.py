@@ -170,5 +170,5 @@ def test_a_start_on_the_loop_stays_there():
     tip = array.at_tip(3e-3)
     response = jbw.simulate(array, np.zeros(4), RULES["fs"], initial=(3e-3, 0.0, tip))
     np.testing.assert_allclose(response.z[0], array.force(3e-3, 0.0, tip))
-    with pytest.raises(jbw.ConfigError, match="one z"):
+    with pytest.raises(jbw.ConfigError, match="a single z"):
         jbw.simulate(array, np.zeros(4), RULES["fs"], initial=(0.0, 0.0, 1.0))

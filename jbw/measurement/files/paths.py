@@ -74,8 +74,11 @@ def _walk(node: Node, indices: Sequence[int | None], rest: str) -> Leaf | list[L
         return _item(node, indices, rest)
     if not isinstance(node, Mapping):
         count = " x ".join(map(str, node.shape))
-        before = f" before `{rest}`: select one item by an index" if rest else ", not an array"
-        raise DataError(f"has {count} items{before}.")
+        raise DataError(
+            f"has {count} items before `{rest}`: select one item by an index."
+            if rest
+            else f"has {count} items, not an array."
+        )
     if not rest:
         raise DataError("is a group, not an array.")
     rest = rest.lstrip("./")
