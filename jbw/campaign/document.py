@@ -400,7 +400,7 @@ def require_file(path: Path, what: str, remedy: str) -> None:
         inside = sorted(path.glob("*.toml")) or sorted(path.glob("*/*.toml"))
         raise ConfigError(
             f"{what} `{path}` must be a file, but it is a folder.",
-            remedy=f"Name one file in it: {shlex.quote(str(inside[0]))}"
+            remedy=f"Name the file in this folder: {shlex.quote(str(inside[0]))}"
             if inside
             else remedy.replace("FOLDER", shlex.quote(str(path))),
         )

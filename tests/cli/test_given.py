@@ -92,7 +92,7 @@ def test_init_drafts_every_folder_of_a_folder(tmp_path, capsys):
     assert paths == [str(tmp_path / f"bracket_{n}" / "campaign.toml") for n in ("1_6Nm", "2_12Nm")]
     assert [load_campaign(path).assembly.torque for path in paths] == [6.0, 12.0]
     assert run(["check", str(tmp_path)]) == 2
-    assert f"Name one file in it: {paths[0]}" in capsys.readouterr().err
+    assert f"Name the file in this folder: {paths[0]}" in capsys.readouterr().err
 
 
 def test_a_folder_is_its_campaign_or_is_drafted(tmp_path):
