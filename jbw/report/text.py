@@ -10,13 +10,13 @@ import numpy as np
 from jbw.errors import printable
 from jbw.quantities import BY_NAME, Quantity, in_dialect
 from jbw.report.messages import opening
+from jbw.report.messages.message import length_unit as length_unit
 
 Names = Mapping[str, Quantity]
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LEVEL = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
 NOTHING = "–"
-PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
 
 
 def quantity(name: str, names: Names | None = None) -> Quantity:
@@ -122,11 +122,6 @@ def shown_as(name: str, unit: str) -> tuple[float, str, str]:
         return 1.0 / (2.0 * math.pi), "Hz", "/2π"
     is_ratio = unit in ("", "1") and re.match(r"zeta(_|\[|$)", name) is not None
     return (100.0, "%", "") if is_ratio else (1.0, unit, "")
-
-
-def length_unit(largest: float) -> tuple[float, str]:
-    """Return the unit in which a length [m] exceeds one, and its factor."""
-    return next((prefix for prefix in PREFIXES if largest * prefix[0] >= 1.0), PREFIXES[-1])
 
 
 def percent(value: Any, digits: int = 3) -> str:

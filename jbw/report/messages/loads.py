@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from jbw.report.messages.message import listed
+from jbw.report.messages.message import length, listed
 
 DOWNWARD, OF_SPECTRUM = "downward sweep, 99 % band", "natural frequency, Q = 10"
 PARAMETERS = "the uncertainty of the parameters"
@@ -35,7 +35,7 @@ def warnings_of(what: str, y: float, reach: float, most: float, why: str) -> Ite
     """Yield warnings on a prediction under a load: extrapolation, and why a band is withheld."""
     if reach > most:
         yield (
-            f"{what} moves the joint by {y:.3g} m, {reach:.2g} times the largest fitted "
+            f"{what} moves the joint by {length(y)}, {reach:.2g} times the largest fitted "
             "displacement. No fitted test shows that the joint's law is valid at this "
             "displacement. Add a test of that level to the campaign and identify again."
         )
@@ -46,7 +46,7 @@ def warnings_of(what: str, y: float, reach: float, most: float, why: str) -> Ite
 def threshold_beyond(what: str, mechanism: str, y: float, rests: str) -> str:
     """Return the warning that a load begins a mechanism of the law that no fitted test reached."""
     return (
-        f"{what} moves the joint beyond {y:.3g} m, where {mechanism} begins. No fitted test "
+        f"{what} moves the joint beyond {length(y)}, where {mechanism} begins. No fitted test "
         f"reached this displacement, so that {rests} may follow from the prior alone. Add a test "
         "of that level to the campaign and identify again."
     )

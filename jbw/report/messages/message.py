@@ -5,6 +5,8 @@ from inspect import cleandoc
 from string import Formatter
 from typing import Any, NamedTuple
 
+PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
+
 Template = str | Callable[..., str]
 """A format string for `str.format`, or a function that chooses between several texts."""
 
@@ -74,6 +76,17 @@ def number(value: float, digits: str = ".3g") -> str:
     """Return a number as people write it, without a power of ten if it is large: 334, not 3e+02."""
     text = f"{value:{digits}}"
     return f"{value:.0f}" if "e+" in text and abs(value) < 1e6 else text
+
+
+def length_unit(largest: float) -> tuple[float, str]:
+    """Return the unit in which a length [m] exceeds one, and its factor."""
+    return next((prefix for prefix in PREFIXES if largest * prefix[0] >= 1.0), PREFIXES[-1])
+
+
+def length(y: float, digits: int = 3) -> str:
+    """Return a length [m] in a unit in which it exceeds one, such as "334 µm"."""
+    factor, unit = length_unit(abs(y))
+    return f"{factor * y:.{digits}g} {unit}"
 
 
 def listed(names: Any) -> str:

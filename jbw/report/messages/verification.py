@@ -1,6 +1,6 @@
 """Messages on tests compared with predictions: coverage of bands, limits of predictions."""
 
-from jbw.report.messages.message import percent
+from jbw.report.messages.message import length, percent
 
 EVERY_TEST = "Comparison of every test with the model, and with oscillators without hysteresis"
 WITHOUT_HYSTERESIS = "The fit of the oscillators without hysteresis"
@@ -29,8 +29,8 @@ def comparison_of(test: str, quantity: str) -> str:
 def extrapolated(test: str, y: float, ratio: float, fitted: float) -> str:
     """Return the warning that a prediction extends beyond the fitted displacements [m]."""
     return (
-        f"Test `{test}` is predicted to reach {y:.3g} m, {ratio:.2g} times the largest fitted "
-        f"displacement ({fitted:.3g} m). No fitted test shows that the joint follows the law "
+        f"Test `{test}` is predicted to reach {length(y)}, {ratio:.2g} times the largest fitted "
+        f"displacement ({length(fitted)}). No fitted test shows that the joint follows the law "
         "there: the bands may be far too narrow. Add a test of that level to the campaign and "
         "identify again."
     )
