@@ -9,8 +9,9 @@ import click
 
 from jbw.cli.options import json_option, run_argument
 from jbw.cli.printing import answer, duration
-from jbw.errors import RunError
+from jbw.errors import ConfigError
 from jbw.report.messages import status as messages
+from jbw.report.messages.commands import finished
 from jbw.report.table import Table, digits, table, words
 from jbw.run.folder import HIDDEN, MANIFEST
 from jbw.run.outcomes import FleetProgress, RunOutcome, progress
@@ -77,9 +78,10 @@ def sentences(found: FleetProgress) -> list[str]:
 
 def _of_one_run(folder: Path) -> str:
     is_open = (folder / HIDDEN / MANIFEST).exists()
-    if (folder / "summary.json").exists():
-        return messages.has_result(str(folder), is_first=is_open)
+    has_result, page = (folder / "summary.json").exists(), folder / "report.html"
+    if has_result and not is_open:
+        return finished(str(folder), str(page) if page.exists() else "")
     if is_open:
-        return messages.interrupted(str(folder))
+        return (messages.of_the_fit if has_result else messages.interrupted)(str(folder))
     what, remedy = messages.no_runs(str(folder))
-    raise RunError(what, remedy=remedy)
+    raise ConfigError(what, remedy=remedy)

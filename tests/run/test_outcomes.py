@@ -5,6 +5,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+from jbw.cli import run
 from jbw.cli.status import sentences
 from jbw.run.folder import begin
 from jbw.run.manifest import Manifest
@@ -74,3 +75,18 @@ def test_a_run_without_result_is_named(tmp_path):
     found = progress(tmp_path)
     assert found.begun == ("unit_7",)
     assert sentences(found)[-1] == "Begun, without a result yet: unit_7."
+
+
+def test_the_status_of_a_single_run_names_what_continues_it(tmp_path, capsys):
+    folder = tmp_path / "run"
+    begin(folder, Manifest("jbw identify a.toml", "a.toml")).close()
+    assert run(["status", str(folder)]) == 0
+    assert f"jbw resume {folder}" in capsys.readouterr().out
+    (folder / "summary.json").write_text("{}")
+    run(["status", str(folder)])
+    assert "has the result of its fit" in capsys.readouterr().out
+    (folder / ".run" / "manifest.json").unlink()
+    run(["status", str(folder)])
+    assert "is finished" in capsys.readouterr().out
+    assert run(["status", str(tmp_path)]) == 2
+    assert "contains no runs" in capsys.readouterr().err

@@ -35,15 +35,12 @@ def begun(names: Sequence[str]) -> str:
     return f"Begun, without a result yet: {', '.join(names[:MOST_NAMES])}{more}."
 
 
-def has_result(folder: str, *, is_first: bool) -> str:
-    """Return the message that a single run has its result; `is_first` means that of the fit."""
-    quoted = shlex.quote(folder)
-    if is_first:
-        return (
-            f"The run in {folder} has the result of its fit. To sample the posterior: jbw resume "
-            f"{quoted}"
-        )
-    return f"The run in {folder} is finished. To write its report: jbw report {quoted}"
+def of_the_fit(folder: str) -> str:
+    """Return the message that a single run has the result of its fit, without posterior draws."""
+    return (
+        f"The run in {folder} has the result of its fit. To sample the posterior: jbw resume "
+        f"{shlex.quote(folder)}"
+    )
 
 
 def interrupted(folder: str) -> str:
