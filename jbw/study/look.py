@@ -600,20 +600,20 @@ def in_another_unit(
 ) -> tuple[int, int, float, str] | None:
     """Return the number of a record whose unit is wrong, of all, and its factor and unit; or None.
 
-    With the amplitudes of this one record times the factor, frequency and damping of all records
-    agree at equal amplitude.
+    With the amplitudes of this one record times the factor, the frequencies of all records agree at
+    equal amplitude.
     """
     count = len(tables)
-    if count < LEAST_FOR_UNIT:
+    if count < LEAST_FOR_UNIT or hz.scatter == 0:
         return None
     far = np.argsort([-abs(offset) for offset, _ in hz.offsets])[:MOST_FOR_UNIT]
     agreed: dict[int, tuple[float, float]] = {}
     for i in map(int, far):
         for factor in (each for each in FACTORS if not 1 / FAR_OFF < each < FAR_OFF):
             scaled = [t._replace(y=t.y * factor) if t is tables[i] else t for t in tables]
-            both = [trend(scaled, quantity) for quantity in ("hz", "zeta")]
-            left = both[0].scatter / hz.scatter if hz.scatter > 0 else np.inf
-            if both[0].is_seen and left < agreed.get(i, (AGREES,))[0]:
+            found = trend(scaled, "hz")
+            left = found.scatter / hz.scatter
+            if found.is_seen and left < agreed.get(i, (AGREES,))[0]:
                 agreed[i] = left, factor
     if len(agreed) != 1:
         return None

@@ -75,7 +75,7 @@ def test_records_differ_by_chance_as_the_likelihood_ratio_at_a_bound_has_it():
     rng, variance, count = np.random.default_rng(2), 1e-6, 12
     y = 1.0 + 1.6e-3 * rng.standard_normal(count)
     one = np.ones((count, 1))
-    rows = _RowsOfRecords(one[:, 0], y, (np.full((1, 1), variance),) * count)
+    rows = _RowsOfRecords(one[:, 0], y, (np.full((1, 1), variance**-0.5),) * count)
     ratio = np.sum((y - y.mean()) ** 2) / variance / (count - 1)
     gain = (count - 1) * (ratio - 1 - np.log(ratio))
     tau, chance = _between_records(rows, one)

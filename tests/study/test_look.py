@@ -157,6 +157,16 @@ def a_table(y, hz, zeta, hz_sd=1e-4, zeta_sd=1e-6):
     return RecordTable(y, hz, zeta, np.eye(len(y)) * hz_sd**2, np.eye(len(y)) * zeta_sd**2)
 
 
+def test_records_whose_errors_are_all_one_have_the_offsets_of_their_means():
+    """A covariance of rank one, as of a frequency that is fitted to the whole record."""
+    y, shifts = np.geomspace(1e-4, 1e-3, 4), (-1e-3, 0.0, 1e-3)
+    whole = np.full((4, 4), 1e-6), np.full((4, 4), 1e-10)
+    tables = [RecordTable(y, np.full(4, 20 * (1 + s)), np.full(4, 0.01), *whole) for s in shifts]
+    offsets, sds = np.transpose(trend(tables, "hz").offsets)
+    np.testing.assert_allclose(offsets, shifts, atol=1e-9)
+    np.testing.assert_allclose(sds, 1e-3 / 20, rtol=1e-6)
+
+
 def of_slip(top, *, factor=1.0, shift=0.0):
     """Readings of a decay of a slipping joint from an amplitude; its unit may be another one."""
     y = top * np.geomspace(1.0, 0.05, 4)

@@ -131,15 +131,18 @@ class AmplitudeTrend(NamedTuple):
 
 
 class _RowsOfRecords(NamedTuple):
-    """The values of all records: amplitude / largest amplitude, value / mean value, covariance."""
+    """The values of all records: amplitude / largest amplitude, value / mean value.
+
+    A whitening W is the root of the inverse covariance of a record's values, W^T W = C^-1.
+    """
 
     r: Reals
     value: Reals
-    blocks: tuple[Float[np.ndarray, "row row"], ...]
+    whitenings: tuple[Float[np.ndarray, "row row"], ...]
 
     def split(self, values: Reals) -> list[Reals]:
         """Split an array with columns of all records' values into one array per record."""
-        return np.split(values, np.cumsum([len(block) for block in self.blocks])[:-1], axis=-2)
+        return np.split(values, np.cumsum([len(one) for one in self.whitenings])[:-1], axis=-2)
 
 
 class _Estimate(NamedTuple):
@@ -206,12 +209,14 @@ def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
 
 
 def _rows(tables: Sequence[RecordTable], quantity: str, unit: float, top: float) -> _RowsOfRecords:
-    values, r, blocks = [], [], []
+    values, r, whitenings = [], [], []
     for table in map(few_rows, tables):
         values.append(getattr(table, quantity) / unit)
         r.append(table.y / top)
-        blocks.append(getattr(table, f"{quantity}_covariance") / unit**2)
-    return _RowsOfRecords(np.concatenate(r), np.concatenate(values), tuple(blocks))
+        variances, vectors = np.linalg.eigh(getattr(table, f"{quantity}_covariance") / unit**2)
+        sd = np.sqrt(np.maximum(variances, LEAST_VARIANCE))
+        whitenings.append(vectors.T / sd[:, None])
+    return _RowsOfRecords(np.concatenate(r), np.concatenate(values), tuple(whitenings))
 
 
 def _estimated(
@@ -231,11 +236,9 @@ def _estimated(
     axes = np.broadcast_shapes(design.shape[:-2], variance.shape[:-2])
     value = np.broadcast_to(rows.value[:, None], (*design.shape[:-1], 1))
     parts, log_det = [], np.zeros(axes)
-    for block, columns in zip(
-        rows.blocks, rows.split(np.concatenate([design, value], axis=-1)), strict=True
+    for whitening, columns in zip(
+        rows.whitenings, rows.split(np.concatenate([design, value], axis=-1)), strict=True
     ):
-        variances, vectors = np.linalg.eigh(block)
-        whitening = vectors.T / np.sqrt(np.maximum(variances, LEAST_VARIANCE))[:, None]
         ones = whitening.sum(axis=1, keepdims=True)
         s, white = np.sum(ones**2), whitening @ columns
         mean = ones.T @ white / s
@@ -256,7 +259,7 @@ def _between_records(
     rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"]
 ) -> tuple[float, float]:
     """Return the standard deviation between records, and the p-value of such a variation."""
-    if len(rows.blocks) < 2 or len(rows.value) - design.shape[1] < 1:
+    if len(rows.whitenings) < 2 or len(rows.value) - design.shape[1] < 1:
         return 0.0, 1.0
     nothing, *penalties = _estimated(rows, design, np.append(0.0, SPREADS)).penalty
     at = int(np.argmin(penalties))
@@ -272,7 +275,7 @@ def _offsets(
 ) -> tuple[tuple[float, float], ...]:
     """Return the mean residual of every record with its standard deviation."""
     residuals = rows.split((rows.value - design @ found.values)[:, None])
-    weights = [np.linalg.inv(block).sum(axis=0) for block in rows.blocks]
+    weights = [one.sum(axis=1) @ one for one in rows.whitenings]  # 1^T C^-1
     return tuple(
         (float(w @ residual[:, 0] / w.sum()), float(w.sum() ** -0.5))
         for w, residual in zip(weights, residuals, strict=True)

@@ -122,8 +122,8 @@ def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
 def another_unit(number: int, count: int, factor: float, unit: str) -> str:
     """Return the sentence on one record whose values are in another unit than stated."""
     return (
-        f"Record {number} of {count} has other frequencies and damping ratios than the others at "
-        f"equal amplitude, and the same if its values are multiplied by {factor:.6g} ({unit}): "
+        f"Record {number} of {count} has other frequencies than the others at equal amplitude, "
+        f"and the same if its values are multiplied by {factor:.6g} ({unit}): "
         "check the unit of this record, and state it in a [[test]] of its own."
     )
 
