@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -44,26 +44,26 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
     from jbw.campaign.draft import folders_of_records
 
     several = [path for path in folders_of_records(folder) if campaign_in(path) is None]
-    for each in several or [folder]:
-        _draft(each, print_, ask, json_)
+    drafts = [_draft(each, print_, ask, json_) for each in several or [folder]]
+    if json_:
+        show_json(drafts if several else drafts[0])
 
 
-def _draft(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
-    """Draft the campaign of one folder of records, and write or print it."""
+def _draft(folder: Path, print_: bool, ask: bool, json_: bool) -> dict[str, Any]:
+    """Draft the campaign of one folder of records, and write it; print it unless for JSON."""
     from jbw.campaign.draft import start_campaign, write_campaign
 
     if ask:
         require_unwritten(folder, print_)
     draft = asked_about(folder) if ask else start_campaign(folder)
     path = None if print_ else str(write_campaign(draft, folder))
-    if json_:
-        show_json({"campaign": path, "text": draft.text, "check": list(draft.assumed)})
-    else:
+    if not json_:
         click.echo(draft.text if path is None else path, nl=path is not None)
         for assumed in draft.assumed:
             click.echo(f"CHECK: {assumed}", err=True)
     if path is not None:
         following("check", path)
+    return {"campaign": path, "text": draft.text, "check": list(draft.assumed)}
 
 
 def require_unwritten(folder: Path, print_: bool) -> None:

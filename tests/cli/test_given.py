@@ -1,5 +1,8 @@
 """What commands may be given: campaign files, folders of one, records, folders of records."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -91,6 +94,12 @@ def test_init_drafts_every_folder_of_a_folder(tmp_path, capsys):
     paths = capsys.readouterr().out.split()
     assert paths == [str(tmp_path / f"bracket_{n}" / "campaign.toml") for n in ("1_6Nm", "2_12Nm")]
     assert [load_campaign(path).assembly.torque for path in paths] == [6.0, 12.0]
+    assert run(["init", str(tmp_path), "--print", "--json"]) == 3  # both have a campaign now
+    capsys.readouterr()
+    for path in paths:
+        Path(path).unlink()
+    assert run(["init", str(tmp_path), "--json"]) == 0
+    assert [draft["campaign"] for draft in json.loads(capsys.readouterr().out)] == paths
     assert run(["check", str(tmp_path)]) == 2
     assert f"Name the file in this folder: {paths[0]}" in capsys.readouterr().err
 
