@@ -4,13 +4,7 @@ import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from jbw.campaign.document import (
-    CAMPAIGN,
-    NAMED,
-    campaign_in,
-    is_campaign,
-    require_file,
-)
+from jbw.campaign.document import CAMPAIGN, NAMED, campaign_in, is_campaign, require_file
 from jbw.campaign.draft import (
     Draft,
     folders_of_records,

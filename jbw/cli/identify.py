@@ -196,11 +196,14 @@ def identify(
         if final:
             raise click.UsageError("--final is for one campaign: run each campaign separately.")
         place = out or Path("runs")
-        asked = {"seed": seed, "allow_outside": allow_outside, "figures": figures, "quick": quick}
-        where = {"workers": workers, "scheduler": scheduler}
+        asked = {
+            "seed": seed, "allow_outside": allow_outside, "figures": figures, "quick": quick,
+            "keep": keep,
+        }  # fmt: skip
         return identify_several(
-            campaigns, place, json_, strict, {**asked, "keep": keep}, **where, brief=brief
-        )
+            campaigns, place, json_, strict, asked, workers=workers, scheduler=scheduler,
+            brief=brief,
+        )  # fmt: skip
     if workers is not None or scheduler is not None:
         option = "--workers" if workers is not None else "--scheduler"
         raise click.UsageError(

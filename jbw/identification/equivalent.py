@@ -153,8 +153,8 @@ def backbones_at(
         needed = {quantity.name for quantity in (*OSCILLATOR, *quantities_of(laws))} - {"gain"}
         theta = {name: values for name, values in theta.items() if name in needed}
     padded = np.pad(y_peak, (0, -len(y_peak) % NUM_AMPLITUDES), "edge").reshape(-1, NUM_AMPLITUDES)
-    rows = jax.device_put([*padded])
-    parts = [at_points(_backbone, theta, (row, laws), lanes=FIT_LANES) for row in rows]
+    lots = jax.device_put([*padded])
+    parts = [at_points(_backbone, theta, (lot, laws), lanes=FIT_LANES) for lot in lots]
     joined = (np.concatenate(some, axis=1) for some in zip(*parts, strict=True))
     return tuple(rows[:, : len(y_peak)] for rows in joined)
 

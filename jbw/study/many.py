@@ -7,7 +7,6 @@ from its last checkpoint, and a campaign that fails stops no other.
 
 import logging
 import os
-import sys
 import time
 import warnings
 from collections import Counter
@@ -26,7 +25,7 @@ from jbw.report.result import read_result
 from jbw.results.run import RunSummary
 from jbw.run.files import hash_of
 from jbw.run.folder import HIDDEN, MANIFEST, begin, reopen, require_same
-from jbw.run.manifest import KEPT, Keep, Manifest, read_manifest
+from jbw.run.manifest import KEPT, Keep, Manifest, command_line, read_manifest
 from jbw.run.outcomes import OUTCOMES, Call, RunOutcome, note, progress
 from jbw.run.session import prepare_process
 from jbw.study.resumable import carried_out, digest_of
@@ -113,7 +112,7 @@ def identify_many(
         )
     if keep not in KEPT:
         raise ConfigError(f"Argument `keep` must be one of {', '.join(KEPT)}, but is {keep!r}.")
-    command, out = command or " ".join(["jbw", *sys.argv[1:]]), Path(out)
+    command, out = command or command_line(), Path(out)
     formats = formats_of(figures, "Argument `figures`")
     tasks = [
         Task(str(path), str(folder), seed, allow_outside, command, formats, quick, keep)

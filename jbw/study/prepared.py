@@ -163,10 +163,11 @@ def chosen(
     best_law = law if is_white else min(good, key=lambda name: len(law_named(name).table))
     criteria = {name: one.criterion for name, one in by_curve.items()}
     most = DECISIVE + min(criteria.values(), default=0.0)
-    excluded = [name for name in criteria if name not in errors and criteria[name] > most]
+    ruled_out = [name for name in criteria if criteria[name] > most]
+    excluded = [name for name in ruled_out if name not in errors]
     sentence = messages.chosen_by_fits(best_law, errors, excluded, is_white=is_white)
     report(sentence)
-    rivals = full_slip_beside(best_law, [n for n in criteria if criteria[n] > most])
+    rivals = full_slip_beside(best_law, ruled_out)
     return replace(seen, laws=(best_law,), rivals=rivals), fits[best_law], sentence
 
 
