@@ -233,7 +233,7 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
         >>> sweep = study.planned_sweep((12.0, 26.0), level=0.4, duration=8.0, fs=256.0)
         >>> (sentence,) = jbw.warnings_of(study.predict(sweep, num_draws=20))
         >>> print(sentence.partition(",")[0])
-        Test `sweep 12 to 26 Hz at 0.4` is predicted to reach 0.0148 m
+        Test `sweep 12 to 26 Hz at 0.4` is predicted to reach 14.8 mm
     """
     return list(_warnings(**dataset.attrs))
 
