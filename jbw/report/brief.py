@@ -26,7 +26,7 @@ from jbw.report.loops import backbone
 from jbw.report.messages import brief as messages
 from jbw.report.opening import opening
 from jbw.report.result import BACKBONE, laws_of, names_of, node
-from jbw.report.style import GREEN, INK, ORANGE, RC, SOFT, VERMILLION
+from jbw.report.style import GREEN, INK, ORANGE, RC, SOFT, VERMILION
 from jbw.report.tables import every_test, tests_of_records
 from jbw.report.text import NOTHING, interval, length_unit, number, percent, unit_text
 from jbw.report.words import badge, in_symbols, law_words
@@ -45,7 +45,7 @@ PARTS = (0.1, 0.25, 0.5, 1.0)
 SIZE = 9.0  # usual size of letters [pt]
 FILLED, TINY = 0.97, 1e-9  # share of a column that a long number fills; width of an empty text
 SMALLEST = 0.7  # smallest letters of a table, relative to the usual size
-COLOURS = {"ok": GREEN, "usable": GREEN, "failed": VERMILLION}
+COLOURS = {"ok": GREEN, "usable": GREEN, "failed": VERMILION}
 MEASURE = TextToPath()
 
 

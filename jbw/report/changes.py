@@ -16,7 +16,7 @@ from jbw.report.style import (
     BLUE,
     INK,
     SKY,
-    VERMILLION,
+    VERMILION,
     Panels,
     finish,
     panels,
@@ -142,7 +142,7 @@ def backbones_figure(bands: xr.Dataset, ax: Any = None) -> Any:
     factor, unit = length_unit(float(bands["amplitude"][-1]))
     for only, (name, label) in zip(axes[0], QUANTITIES.items(), strict=True):
         scale = 100.0 if name == "damping" else 1.0
-        for run, colour in zip(RUNS, (BLUE, VERMILLION), strict=True):
+        for run, colour in zip(RUNS, (BLUE, VERMILION), strict=True):
             low, middle, high = scale * bands[name].sel(run=run).values
             x = factor * bands["amplitude"].values
             shade(only, x, low, high, colour, f"{run}, {BAND}")
@@ -174,7 +174,7 @@ def watch_figure(settings: WatchSettings, readings: Sequence[WatchLine], ax: Any
         panel.plot(number[:num], here[:num], "o", color=SKY, ms=4, label="reference")
         panel.plot(number[num:], here[num:], "o", color=INK, ms=4, label="watched")
         panel.plot(
-            number[alarms], here[alarms], "s", color=VERMILLION, ms=7, mfc="none", label="alarm"
+            number[alarms], here[alarms], "s", color=VERMILION, ms=7, mfc="none", label="alarm"
         )
         panel.set_ylabel(name)
         panel.ticklabel_format(axis="y", useOffset=False)

@@ -24,7 +24,7 @@ from jbw.report.result import (
     parameters,
     verified,
 )
-from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, title
+from jbw.report.style import INK, SOFT, VERMILION, Panels, finish, panels, title
 from jbw.report.text import NOTHING, number, percent, plain, quantity, shown_as, spread_text
 from jbw.results.attributes import StoredLineFit
 
@@ -39,7 +39,7 @@ STROKE: Any = {"color": INK, "lw": 1.2, "solid_capstyle": "round"}
 ARROW: Any = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0}
 
 SAMPLERS = {"nuts": "NUTS", "paper": "paper's walk", "walk": "tuned walk"}
-COLOURS = {"ok": style.GREEN, "failed": VERMILLION, "not assessed": INK}
+COLOURS = {"ok": style.GREEN, "failed": VERMILION, "not assessed": INK}
 LINE = 0.17  # height of a line of text [in]
 PAD, GAP = 0.1, 0.2  # space above and below the text of a box, and between boxes [in]
 
@@ -78,7 +78,7 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
     terms = ["ÿ + 2ζωₙ ẏ", f"({stiffness}) y" if hysteretic_stiffness else "ωₙ² y"]
     terms += [SPRINGS[law] for law in laws_of(tree) if law in SPRINGS] + ["Z"] * bool(memory)
     _write(schematic, 0.2, 4.95, f"{' + '.join(terms)} = u", ha="left")
-    _write(schematic, 0.2, 4.1, rate, ha="left", color=VERMILLION)
+    _write(schematic, 0.2, 4.1, rate, ha="left", color=VERMILION)
     for row, parameter in enumerate(joint_parameters[:MOST]):
         y = 3.0 - 0.6 * row
         _write(schematic, 0.2, y, plain(_symbol(parameter)), ha="left", size=8)
@@ -111,15 +111,15 @@ def _elements(ax: Axes, stiffness: str, *, hysteretic: bool) -> None:
     ax.plot([2.9, MASS], [DAMPER, DAMPER], **STROKE)
     _write(ax, 3.75, DAMPER + 0.38, "2ζωₙ")
     if hysteretic:  # The joint is drawn as a box that contains a loop.
-        stroke = {**STROKE, "color": VERMILLION}
+        stroke = {**STROKE, "color": VERMILION}
         ax.plot([WALL, 1.9], [HYSTERESIS, HYSTERESIS], **stroke)
         ax.plot([3.3, MASS], [HYSTERESIS, HYSTERESIS], **stroke)
-        ax.add_patch(Rectangle((1.9, HYSTERESIS - 0.5), 1.4, 1.0, fc="none", ec=VERMILLION, lw=1.2))
+        ax.add_patch(Rectangle((1.9, HYSTERESIS - 0.5), 1.4, 1.0, fc="none", ec=VERMILION, lw=1.2))
         angle = np.linspace(0, 2 * np.pi, 120)
         y = np.cos(angle)
         force = y - 0.25 * np.sin(angle) * (1 - 0.4 * y**2)
-        ax.plot(2.6 + 0.5 * y, HYSTERESIS + 0.32 * force, color=VERMILLION, lw=1.0)
-        _write(ax, 3.95, HYSTERESIS + 0.38, "Z", color=VERMILLION)
+        ax.plot(2.6 + 0.5 * y, HYSTERESIS + 0.32 * force, color=VERMILION, lw=1.0)
+        _write(ax, 3.95, HYSTERESIS + 0.38, "Z", color=VERMILION)
     for y, text, colour in ((8.9, "u(t)", style.BLUE), (7.3, "y(t)", SOFT)):
         look = {**ARROW, "color": colour, "lw": 1.2}
         ax.annotate("", (RIGHT + 1.3, y), (RIGHT, y), arrowprops=look)

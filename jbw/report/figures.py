@@ -254,6 +254,6 @@ def svg(figure: Figure, name: str) -> str:
     text = text[text.index("<svg") :]
     # Figures share glyphs by id; a prefix makes each figure independent of the others.
     text = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf"\g<1>{name}-", text)
-    for role in ("INK", "SOFT", "GRID", "BLUE", "VERMILLION", "GREEN", "ORANGE", "SKY", "PURPLE"):
+    for role in ("INK", "SOFT", "GRID", "BLUE", "VERMILION", "GREEN", "ORANGE", "SKY", "PURPLE"):
         text = text.replace(getattr(style, role), f"var(--{role.lower()})")
     return text

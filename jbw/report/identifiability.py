@@ -113,7 +113,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
         values, rise = arrays(group.isel(parameter=i), "profile_value", "profile_chi_square")
         panel.plot(values, rise, ".-", color=style.BLUE, lw=1.2, ms=5, label="profile")
         # This line is the threshold of the 99 % interval.
-        panel.axhline(THRESHOLD, color=style.VERMILLION, lw=0.9, ls="--", label="99 %")
+        panel.axhline(THRESHOLD, color=style.VERMILION, lw=0.9, ls="--", label="99 %")
         panel.axhline(0.0, color=style.SOFT, lw=0.7)
         panel.set_ylim(-0.6, 2.2 * THRESHOLD)
         panel.locator_params(axis="x", nbins=3)

@@ -27,7 +27,7 @@ LONGEST, SHORTEST = 1024, 32  # largest and smallest length of a spectrogram's w
 WINDOWS = 24  # number of adjacent windows of a spectrogram in a short record
 RANGE = 90.0  # range of a spectrogram below its largest value [dB]
 CURVE = "frequency"  # channel of a record that is a measured response curve
-COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.INK)
+COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.INK)
 
 
 def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:

@@ -9,7 +9,7 @@ import numpy as np
 from jbw.inference.posterior.quantiles import HALF_99
 from jbw.report.messages import population as messages
 from jbw.report.sheet import Sheet
-from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, panels, shade
+from jbw.report.style import BLUE, INK, VERMILION, Panels, finish, panels, shade
 from jbw.report.table import Cell, Column, Table, table, words
 from jbw.report.text import NOTHING, axis_label, number
 from jbw.report.words import badge
@@ -53,7 +53,7 @@ def population_figure(
         error = [value - np.exp(mean[:, i] - HALF_99 * sd[:, i]),
                  np.exp(mean[:, i] + HALF_99 * sd[:, i]) - value]  # fmt: skip
         panel.errorbar(place, value, error, fmt="o", color=INK, ms=4, lw=1.0, label="unit, 99 %")
-        panel.plot(place[odd], value[odd], "s", color=VERMILLION, ms=8, mfc="none")
+        panel.plot(place[odd], value[odd], "s", color=VERMILION, ms=8, mfc="none")
         panel.set_ylabel(axis_label(row.symbol, row.unit))
         if not trend:
             panel.set_xticks(place, found.units if i == len(rows) - 1 else [""] * len(place))

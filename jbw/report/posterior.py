@@ -42,12 +42,12 @@ class ShownPosterior(NamedTuple):
 
 
 THIRD_ORDER = (
-    ShownPosterior("steps/third_order_paper", labels.STEP_3_PUBLISHED, style.VERMILLION, "--"),
+    ShownPosterior("steps/third_order_paper", labels.STEP_3_PUBLISHED, style.VERMILION, "--"),
     ShownPosterior("steps/third_order_walk", "Step 3, tuned walk", style.PURPLE, "-."),
     ShownPosterior("steps/third_order_nuts", "Step 3, NUTS", style.BLUE, "-"),
 )
 OPENING = (
-    ShownPosterior("steps/opening_paper", labels.STEP_4_PUBLISHED, style.VERMILLION, "--"),
+    ShownPosterior("steps/opening_paper", labels.STEP_4_PUBLISHED, style.VERMILION, "--"),
     ShownPosterior("steps/opening_nuts", labels.STEP_4_NUTS, style.BLUE, "-"),
 )
 JOINT = ShownPosterior("", "Step 4, all parameters", style.GREEN, "-")

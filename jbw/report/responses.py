@@ -39,7 +39,7 @@ from jbw.report.style import (
     LEVELS,
     MODEL,
     SOFT,
-    VERMILLION,
+    VERMILION,
     Panels,
     finish,
     log_y,
@@ -56,7 +56,7 @@ CURVE_LABELS = ("phase [°]", "off the median [%]")
 Curve = Float[np.ndarray, " freq"]
 Family = list[tuple[str, xr.Dataset]]
 TURN = 2 * np.pi
-SAMPLERS = {"paper": ("walk as published", VERMILLION), "nuts": ("NUTS", BLUE)}
+SAMPLERS = {"paper": ("walk as published", VERMILION), "nuts": ("NUTS", BLUE)}
 
 
 def resonance_window(freq: Curve, magnitude: Curve, depth: float = 0.08) -> tuple[float, float]:
@@ -388,7 +388,7 @@ def _spectrum(ax: Axes, spectrum: xr.Dataset) -> None:
     shown = (freq > 0.2 * tone) & (freq < 6.0 * tone)
     ax.plot(freq[shown], amplitude[shown], color=INK, lw=0.7)
     ax.margins(y=0.12)
-    for order, text, colour in ((1, "ω", BLUE), (3, "3ω", VERMILLION)):
+    for order, text, colour in ((1, "ω", BLUE), (3, "3ω", VERMILION)):
         at = int(np.argmin(np.abs(freq - order * tone)))
         point = (freq[at], amplitude[at])
         ax.plot(*point, "o", ms=5, mfc="none", color=colour, mew=1.3)

@@ -16,7 +16,7 @@ ERRORS = 2.0  # half length of a bar, in standard errors
 # distance up to which the axis is linear [standard deviations]; larger distances are compressed
 NEAR = 0.3
 ROW = 0.24  # height of one sampler's line [in]
-STATUS = {"ok": style.GREEN, "failed": style.VERMILLION}
+STATUS = {"ok": style.GREEN, "failed": style.VERMILION}
 
 
 def comparison(record: StoredSamplers, ax: Any = None) -> Panels:
@@ -116,7 +116,7 @@ def rank_ecdfs(calibration: Calibration, ax: Any = None) -> Panels:
         inside = bool(np.all((ecdf >= lower - 1e-12) & (ecdf <= upper + 1e-12)))
         label = labels.UNIFORM_RANKS
         shade(panel, even, lower - even, upper - even, style.SKY, label)
-        colour, dashes = (style.BLUE, "-") if inside else (style.VERMILLION, "--")
+        colour, dashes = (style.BLUE, "-") if inside else (style.VERMILION, "--")
         label = "ranks, inside" if inside else "ranks, outside"
         panel.step(even, ecdf - even, where="mid", color=colour, ls=dashes, lw=1.2, label=label)
         called = symbol(name)

@@ -13,14 +13,14 @@ from jbw.errors import ConfigError
 from jbw.report.messages import figures as labels
 
 # Okabe and Ito's colours differ for any colour vision, and in grey.
-BLUE, VERMILLION, GREEN = "#0072b2", "#d55e00", "#009e73"
+BLUE, VERMILION, GREEN = "#0072b2", "#d55e00", "#009e73"
 ORANGE, SKY, PURPLE = "#e69f00", "#56b4e9", "#cc79a7"
 INK, SOFT, GRID = "#20242a", "#68707a", "#d9dde2"
 
 # Equal things have equal colours in every figure.
-MEASURED, REPEATS, MODEL, PREDICTIVE = INK, SKY, VERMILLION, ORANGE
+MEASURED, REPEATS, MODEL, PREDICTIVE = INK, SKY, VERMILION, ORANGE
 BAND = labels.COMMON_BAND
-LEVELS = (BLUE, GREEN, ORANGE, VERMILLION, PURPLE, SKY)
+LEVELS = (BLUE, GREEN, ORANGE, VERMILION, PURPLE, SKY)
 
 Panels = np.ndarray
 """Axes of a figure, as rows and columns of an array of objects."""

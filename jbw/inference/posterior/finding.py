@@ -31,7 +31,7 @@ ASKED = {
 ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
 CHARACTERS = 200  # largest number of characters of a reason or a remedy
 SIZE = 1500  # largest number of bytes of a table
-# Colours are Okabe and Ito's green and vermillion; orange stands for a doubtful result.
+# Colours are Okabe and Ito's green and vermilion; orange stands for a doubtful result.
 COLOURS, DOUBT = {"ok": "#009e73", "failed": "#d55e00"}, "#e69f00"
 
 
