@@ -21,8 +21,15 @@ from jbw.observables.dataset import (
     halved,
     log_likelihood,
     residual_by_label,
+    size_by_label,
 )
-from jbw.observables.effective_values import LEAST_VALUES, coloured_from, correlation_at_one
+from jbw.observables.effective_values import (
+    LEAST_VALUES,
+    coloured_from,
+    correlation_at_one,
+    is_coloured,
+    white_square,
+)
 from jbw.observables.noise import fractions_counted, num_known, repeatability
 from jbw.report.messages import residuals as messages
 from jbw.report.messages.remedies import OTHER_LAWS, beside_other_laws
@@ -117,6 +124,25 @@ def errors_and_colour(best: Fit, data: Dataset) -> tuple[dict[str, float], Findi
     residuals = residual_by_label(best.residual, data)
     error = error_by_label(residuals, data)
     return error, residual_finding(residuals, fractions_counted(data), error, data.laws)
+
+
+def misfit_beyond_noise(best: Fit, data: Dataset) -> float:
+    r"""Return the error of a law relative to the response, from the residual beyond white noise.
+
+    $$\rho^2 = \mathrm{mean}_g \frac{|r_g|^2 - n_g \sigma_g^2}{|d_g|^2}$$
+
+    over data groups of n values with residuals r, responses d and the white part sigma of the
+    residuals; a group whose residual is not coloured adds nothing.
+    """
+    residuals, sizes = residual_by_label(best.residual, data), size_by_label(data)
+    rows = {label: residuals[label] for label, size in sizes.items() if size > 0}
+    squares = [
+        max(np.sum(np.abs(row) ** 2) - len(row) * white_square(row), 0.0) / sizes[label] ** 2
+        if is_coloured(row)
+        else 0.0
+        for label, row in rows.items()
+    ]
+    return float(np.sqrt(np.mean(squares))) if squares else 0.0
 
 
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:

@@ -36,6 +36,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from scipy import stats
 
 from jbw.identification.accuracy import another_law
 from jbw.inference.posterior.finding import Finding
@@ -50,6 +51,11 @@ POWERS = (0, 1, 2)
 # largest factor by which a standard deviation grows below the fitted amplitudes
 MOST_GROWN = 3.0
 COUNTS = 1e-3  # smallest relative error that matters; a good sensor's nonlinearity is as large
+# smallest amplitude of a fitted record's motion that is above noise, relative to the largest
+LOWEST = 0.1
+# smallest number of degrees of freedom from which a variance between runs is estimated
+FEWEST_DEGREES = 3
+UPPER = 0.995  # probability of the upper end of a 99 % band
 ONE_LEVEL = 1.1  # Runs whose amplitudes have a smaller ratio than this are repeats of one level.
 
 
@@ -171,6 +177,50 @@ def outward(y: float | None, y_low: float, y_high: float) -> float:
         return 0.0
     grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)
     return float(np.sqrt(grown**2 - 1))
+
+
+def discrepancy_of_misfit(error: float, zeta: float, y_peak: float) -> Discrepancy:
+    r"""Return the error of a law in frequency and damping from its misfit to the fitted tests.
+
+    $$\frac{\tau_\omega}{\omega_n} = \tau_\zeta = \rho\,\zeta\,\frac{t_{3, 0.995}}{z_{0.995}}$$
+
+    because a change of frequency by $\omega_n e$, or of damping by e, changes the response at
+    resonance by $e / \zeta$. One fit determines these errors as poorly as three numbers do.
+
+    Args:
+        error: Error of the law relative to the response, rho.
+        zeta: Equivalent damping ratio within the fitted amplitudes.
+        y_peak: Largest fitted displacement [m].
+    """
+    std = error * zeta * float(np.sqrt(widened(FEWEST_DEGREES)))
+    missed = Missed(Scatter(std, 0, std), Scatter(std, 0, std))
+    return Discrepancy(missed, missed, {}, LOWEST * y_peak, y_peak)
+
+
+def widened(num_runs: int) -> float:
+    r"""Return the factor that widens a variance from n runs, $(t_{n, 0.995} / z_{0.995})^2$.
+
+    At least three degrees of freedom are used. With the factor, the 99 % band of a normal
+    distribution is that of Student's t.
+    """
+    degrees = max(num_runs, FEWEST_DEGREES)
+    return float((stats.t.ppf(UPPER, degrees) / stats.norm.ppf(UPPER)) ** 2)
+
+
+def as_dataset(discrepancy: Discrepancy) -> xr.Dataset:
+    """Return a discrepancy as a run stores it; `discrepancy_in` reads it."""
+    shares, of_rest = discrepancy.share.values(), {"units": "1", "long_name": "sd over rms"}
+    return xr.Dataset(
+        {
+            "rest": ("kind", [share.std for share in shares], of_rest),
+            "rest_beyond": ("kind", [share.whole for share in shares], of_rest),
+        },
+        {"kind": np.array(list(discrepancy.share), str)},
+        {
+            "forced": np.ravel(discrepancy.forced), "decays": np.ravel(discrepancy.decays),
+            "y_low": discrepancy.y_low, "y_high": discrepancy.y_high,
+        },
+    )  # fmt: skip
 
 
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:

@@ -59,9 +59,12 @@ from scipy.optimize import root_scalar
 from jbw.identification.discrepancy import (
     NO_SCATTER,
     POWERS,
+    Discrepancy,
     Missed,
     Scatter,
+    as_dataset,
     growth_shown,
+    widened,
 )
 from jbw.identification.leaving_out import FitsWithout
 from jbw.identification.run_effects import (
@@ -96,9 +99,6 @@ NO_OFFSET = 1e-9  # factor that suppresses offsets between runs
 # Smallest number of fits that each leave out one run. With fewer fits, each fit has only one or two
 # levels, and the derivatives of the fit do not give the errors of its parameters.
 FEWEST_FITS = 3
-# smallest number of degrees of freedom from which a variance between runs is estimated
-FEWEST_DEGREES = 3
-UPPER = 0.995  # probability of the upper end of a 99 % band
 
 
 class NoiseSquares(NamedTuple):
@@ -247,16 +247,6 @@ def scatter_about_zero(
         rtol=1e-12,
     )
     return float(np.sqrt(solution.root * widened(num_fits)))
-
-
-def widened(num_runs: int) -> float:
-    r"""Return the factor that widens a variance from n runs, $(t_{n, 0.995} / z_{0.995})^2$.
-
-    At least three degrees of freedom are used. With the factor, the 99 % band of a normal
-    distribution is that of Student's t.
-    """
-    degrees = max(num_runs, FEWEST_DEGREES)
-    return float((stats.t.ppf(UPPER, degrees) / stats.norm.ppf(UPPER)) ** 2)
 
 
 def shift_of(
@@ -452,15 +442,21 @@ def _as_arrays_of_runs(
     """Return the discrepancy of each run as arrays, and that of all runs as attributes."""
     nothing = Missed(NO_SCATTER, NO_SCATTER)
     missed = learned if not learned.is_nothing else Learned(nothing, nothing, {})
-    runs, shares, y_high = shown.values(), missed.shares, _y_high(amplitudes)
+    runs, y_high = shown.values(), _y_high(amplitudes)
     shape, dims = (len(shown), len(OFFSETS)), ("run", "quantity")
     shift, std, noise_std = (
         np.reshape([getattr(run, name) for run in runs], shape)
         for name in ("shift", "std", "noise_std")
     )
     units = {"group_units": ["rad/s", "1"]}
-    of_rest = {"units": "1", "long_name": "sd over rms"}
-    return xr.Dataset(
+    of_all = Discrepancy(
+        missed.forced or missed.decays or nothing,
+        missed.decays or missed.forced or nothing,
+        missed.shares,
+        min((y for y in amplitudes.values() if y > 0), default=0.0),
+        y_high,
+    )
+    return as_dataset(of_all).assign(
         {
             "amplitude": (
                 "run",
@@ -475,19 +471,8 @@ def _as_arrays_of_runs(
             "shift": (dims, shift, {**units, "long_name": messages.SHIFT_OF_RUN}),
             "std": (dims, std, {**units, "long_name": "its standard error"}),
             "noise_std": (dims, noise_std, {**units, "long_name": "that of noise alone"}),
-            "rest": ("kind", [share.std for share in shares.values()], of_rest),
-            "rest_beyond": ("kind", [share.whole for share in shares.values()], of_rest),
-        },
-        {
             "run": np.array(list(shown), str),
             "quantity": list(OFFSETS),
-            "kind": np.array(list(shares), str),
-        },
-        {
-            "forced": np.ravel(missed.forced or missed.decays or nothing),
-            "decays": np.ravel(missed.decays or missed.forced or nothing),
-            "y_low": min((y for y in amplitudes.values() if y > 0), default=0.0),
-            "y_high": y_high,
         },
     )
 

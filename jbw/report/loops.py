@@ -25,7 +25,7 @@ from jbw.report.result import (
     tests,
     unit_of,
 )
-from jbw.report.style import INK, MODEL, SOFT, Panels, draw_model, finish, panels, shade
+from jbw.report.style import INK, MODEL, SOFT, Panels, band_label, draw_model, finish, panels, shade
 from jbw.report.text import axis_label, length_unit, number, plain, unit_text
 from jbw.results.attributes import StoredBackbone, StoredVariable
 
@@ -198,7 +198,8 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
     amplitude, end = factor * arrays(curve, "amplitude")[0], factor * y_fitted
     points = measured_points(tree, curve)
     for panel, name, scale in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
-        draw_model(panel, amplitude, scale * quantiles(curve, name))
+        band = scale * quantiles(curve, name)
+        draw_model(panel, amplitude, band, holds=band_label(curve.attrs))
         draw_points(panel, points, name, factor, scale)
         draw_free_band(panel, tree, name, factor, scale)
         label = "beyond what was fitted"

@@ -176,7 +176,12 @@ def contradictions(summary: RunSummary, tree: xr.DataTree) -> list[str]:
     y, measured, sd = rows[:, (rows[0] > 0) & (rows[0] <= StoredBackbone.of(curve).y_fitted)]
     if not y.size:
         return []
-    law = curve.to_dataset()["damping"].interp(amplitude=y).transpose("quantile", ...).values
+    group = curve.to_dataset()
+    law = group["damping"].interp(amplitude=y).transpose("quantile", ...).values
+    if "damping_missed" in group:  # The error of the law that its band contains is left out.
+        missed = HALF_99 * group["damping_missed"].interp(amplitude=y).values
+        half = np.sqrt(np.maximum((law - law[1]) ** 2 - missed**2, 0.0))
+        law = law[1] + np.array([[-1], [0], [1]]) * half
     apart = np.maximum(law[0] - measured, measured - law[2]) > HALF_99 * sd
     away = np.where(apart, np.abs(law[1] / measured - 1), 0.0)
     worst = int(np.argmax(away))

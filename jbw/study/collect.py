@@ -103,7 +103,9 @@ def collect(
         )
         curve = attempts.make(
             stages.BACKBONE,
-            lambda: backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws),
+            lambda: backbone_group(
+                basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws, basis.discrepancy
+            ),
             None,
         )
         if has_records:

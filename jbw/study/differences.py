@@ -53,8 +53,8 @@ from jbw.report.text import interval, number, typed
 from jbw.report.words import UNCOUNTED, is_of_prior
 from jbw.results.differences import ComparedJoint, ComparedQuantity, ComparedRun, RunDifference
 from jbw.results.run import RunSummary
-from jbw.verification.backbone import curves
-from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
+from jbw.verification.backbone import curves, has_backbone
+from jbw.verification.predictive_basis import Basis, basis_of
 
 NUM_DRAWS = 1000  # number of draws taken from each run, so that there are a million pairs
 NUM_CARRIED = 200  # number of draws of each run for which the backbone is computed
@@ -216,9 +216,8 @@ def _along_amplitude(
 ) -> tuple[xr.Dataset | None, list[ComparedQuantity]]:
     """Return both runs' bands of frequency and damping at amplitudes that both fitted."""
     y_peak = min(run.basis.y_peak for run in (first, second))
-    needed = set(parameter_names(first.basis.laws)) - {INPUT}
-    drawn = [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
-    if not 0.0 < y_peak < np.inf or not all(needed <= set(draws) for draws in drawn):
+    laws, drawn = first.basis.laws, [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
+    if not all(has_backbone(draws, y_peak, laws) for draws in drawn):
         return None, []
     amplitude = y_peak * GRID
     carried = [

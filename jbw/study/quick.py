@@ -3,12 +3,14 @@
 from typing import Any
 
 import jax
+import numpy as np
 import xarray as xr
 
 from jbw.errors import Attempts
-from jbw.identification.accuracy import errors_and_colour
+from jbw.identification.accuracy import errors_and_colour, misfit_beyond_noise
 from jbw.identification.assemble import Measured, Report
 from jbw.identification.checks import step_of
+from jbw.identification.discrepancy import as_dataset, discrepancy_of_misfit
 from jbw.identification.laplace import about_fit, fit_alone
 from jbw.identification.prepare import Fitted
 from jbw.identification.procedure import Posteriors, identified
@@ -25,7 +27,7 @@ from jbw.study.order import Order
 from jbw.study.prepared import PreparedTests
 from jbw.study.study import Study
 from jbw.study.summary import step_record
-from jbw.verification.backbone import backbone_group
+from jbw.verification.backbone import backbone_group, curves, has_backbone
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 
 
@@ -46,17 +48,27 @@ def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study
 
 
 def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
-    """Return the result tree of a fit without sampling: Gaussian draws and the backbone."""
+    """Return the result tree of a fit without sampling: Gaussian draws and the backbone.
+
+    Bands of the backbone and of predictions contain the error of the law if the residual shows one.
+    """
     joint = posteriors.joint
     attrs = joint.tree.attrs | run_attrs(seen.tests, joint, posteriors.free.data, seen.rivals)
     parts = {**groups_in(joint.tree), **posteriors.checks.groups}
     groups = {"/": xr.Dataset(attrs=attrs), **{f"/{name}": part for name, part in parts.items()}}
     tree = xr.DataTree.from_dict(groups)
     basis = basis_of(tree)
-    curve = backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws)
-    if curve is None:
+    draws, y_peak, laws = basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws
+    if not has_backbone(draws, y_peak, laws):
         return tree
-    return xr.DataTree.from_dict({**tree.to_dict(), "/verification/backbone": curve})
+    _, damping, _ = curves(draws, np.array([0.5 * y_peak]), laws)
+    error = misfit_beyond_noise(joint.fitted.fit, joint.fitted.data)
+    missed = discrepancy_of_misfit(error, float(np.median(damping)), y_peak)
+    added = {
+        "/verification/backbone": backbone_group(draws, y_peak, laws, missed),
+        "/discrepancy": as_dataset(missed),
+    }
+    return xr.DataTree.from_dict({**tree.to_dict(), **added})
 
 
 def fit_notes(fitted: Fitted) -> dict[str, Any]:

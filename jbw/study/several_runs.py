@@ -25,8 +25,8 @@ from jbw.report.messages import differences as messages
 from jbw.report.result import read_result
 from jbw.report.text import interval, length_unit, number
 from jbw.results.differences import ReadingBeside, RunBeside, RunsSideBySide, TorqueTrend
-from jbw.verification.backbone import curves
-from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
+from jbw.verification.backbone import curves, has_backbone
+from jbw.verification.predictive_basis import Basis, basis_of
 
 NUM_DRAWS = 200  # number of draws of each run
 # amplitudes at which runs are compared, relative to the largest displacement of every run's fit
@@ -36,7 +36,6 @@ TOLD = (1, 19)
 QUANTITIES = (("frequency", "Hz", 1.0), ("damping ratio", "%", 100.0))
 # The variation around a trend is reported if its p-value is smaller than this.
 BY_CHANCE = 0.01
-NUISANCE = {"gain"}  # parameters of the source, which do not affect frequency and damping
 
 
 def side_by_side(folders: Sequence[Path]) -> tuple[RunsSideBySide, xr.Dataset]:
@@ -100,8 +99,7 @@ def side_by_side(folders: Sequence[Path]) -> tuple[RunsSideBySide, xr.Dataset]:
 
 
 def _require_backbone(folder: Path, basis: Basis) -> None:
-    needed = set(parameter_names(basis.laws)) - NUISANCE
-    if not (0.0 < basis.y_peak < np.inf and needed <= set(basis.thinned(2))):
+    if not has_backbone(basis.thinned(2), basis.y_peak, basis.laws):
         raise ConfigError(messages.without_backbone(str(folder)), remedy=messages.LEAVE_IT_OUT)
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from jbw.identification.discrepancy import NOTHING, Discrepancy
 from jbw.identification.equivalent import backbones_at
 from jbw.measurement.envelopes import filter_of
 from jbw.measurement.faults.examine import read_decays
@@ -16,7 +17,7 @@ from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.report.messages import verification as messages
-from jbw.verification.bands import QUANTILE_AXIS, band
+from jbw.verification.bands import QUANTILE_AXIS, band, noisy_band
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, parameter_names
 
@@ -30,17 +31,23 @@ NUM_OF_DECAYS = 60
 HERTZ, RATIO, BANDS = {"units": "Hz"}, {"units": "1"}, ("quantile", "amplitude")
 
 
-def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None:
+def backbone_group(
+    draws: Draws, y_peak: float, laws: Laws, discrepancy: Discrepancy | None = None
+) -> xr.Dataset | None:
     """Return frequency and damping against amplitude with bands, and three loops of Eq. (2).
+
+    The bands of frequency and damping contain the error of the law, if it is known.
 
     The loops show the force Z of the laws with a memory: computed on unloading, and by Z(-y) =
     -Z(y) on loading. None if the draws lack a parameter of the joint, or no displacement is known.
     """
-    needed = set(parameter_names(laws)) - {"gain"}
-    if not needed <= set(draws) or not 0.0 < y_peak < np.inf:
+    if not has_backbone(draws, y_peak, laws):
         return None
     amplitude = np.linspace(0.0, CARRIED_ON * y_peak, NUM_AMPLITUDES + 1)[1:]
     frequency, damping, _ = curves(draws, amplitude, laws)
+    missed = [NOTHING if discrepancy is None else discrepancy.at(y) for y in amplitude.tolist()]
+    of_frequency, of_damping = np.array([(one.frequency, one.damping) for one in missed]).T
+    of_frequency = of_frequency * np.median(frequency, axis=0)
     peaks = y_peak * np.asarray(PARTS)
     angle = np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1]
     half = peaks[:, None] * np.cos(angle)
@@ -52,16 +59,28 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
     stiffness = {"units": "1/s^2", "long_name": messages.STIFFNESS}
     return xr.Dataset(
         {
-            "frequency": (BANDS, band(frequency), HERTZ),
-            "damping": (BANDS, band(damping), RATIO),
+            "frequency": (BANDS, noisy_band(frequency, of_frequency), HERTZ),
+            "damping": (BANDS, noisy_band(damping, of_damping), RATIO),
+            "frequency_missed": (
+                "amplitude",
+                of_frequency,
+                {**HERTZ, "long_name": messages.MISSED},
+            ),
+            "damping_missed": ("amplitude", of_damping, {**RATIO, "long_name": messages.MISSED}),
             "loop_y": (("loop", "phase"), y, {"units": "m"}),
             "loop_z": (loops, band(z), force),
             "loop_slip": (loops, band(slip), {**force, "long_name": messages.SLIP}),
             "stuck": ("quantile", band(stuck), stiffness),
         },
         {"amplitude": ("amplitude", amplitude, {"units": "m"}), "quantile": QUANTILE_AXIS},
-        {"y_fitted": float(y_peak)},
+        {"y_fitted": float(y_peak), "discrepancy": int(np.any([of_frequency, of_damping]))},
     )
+
+
+def has_backbone(draws: Draws, y_peak: float, laws: Laws) -> bool:
+    """Return whether draws have all parameters of frequency and damping, and y_peak is known."""
+    needed = set(parameter_names(laws)) - {"gain"}
+    return needed <= set(draws) and 0.0 < y_peak < np.inf
 
 
 def curves(

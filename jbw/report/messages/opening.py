@@ -15,8 +15,9 @@ NONE_HELD_OUT = (
 )
 FITTED_NOW = "After this check, the held-out tests were included in the fit."
 LAW_APPROXIMATES = (
-    "The residual exceeds noise, so the law is an approximation: the intervals exclude its error, "
-    "which is largest for values at smaller or larger motion than was fitted, such as omega_n."
+    "The residual exceeds noise, so the law is an approximation. The intervals of frequency and "
+    "damping at an amplitude include an error of the size of the residual; intervals of parameters "
+    "do not, and omega_n and zeta, which are values at vanishing motion, may differ by more."
 )
 NO_FIT_ERROR = "The error of the fit will be known when the posterior is sampled."
 SPREAD = (

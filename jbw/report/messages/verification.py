@@ -8,6 +8,7 @@ FREE_DECAYS = "Comparison of free decays: frequency and damping against amplitud
 DECAYS_COMPARED = "The comparison of the free decays with the model"
 DECAY_CURVES = "The frequency and damping of the free decays against amplitude"
 STIFFNESS = "stiffness of the restoring force Z without slip"
+MISSED = "sd of the law's error"
 SLIP = "restoring force Z minus its value without slip"
 FORCE_PHASE = "phase by which the force leads the displacement"
 SOURCE_UNIT = "unit of the run's source"
