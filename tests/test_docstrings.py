@@ -10,7 +10,9 @@ import pytest
 
 import jbw
 
-OF_FLEETS = ("new_backbone", "one_stage", "updated")  # 20 to 30 CPU seconds each
+# The first three take 20 to 30 CPU seconds each; `new_units` makes the population that
+# `population_of` makes, and `read_fleet` reads what `write_fleet` writes.
+OF_FLEETS = ("new_backbone", "one_stage", "updated", "population_of", "write_fleet")
 
 
 def example_of(name):

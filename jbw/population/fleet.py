@@ -111,9 +111,11 @@ def fleet_of(
         The finished runs of two torques make a fleet:
 
         >>> import jbw; jbw.enable_x64()
+        >>> from dataclasses import replace
         >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
         >>> units = jbw.rig.measure_fleet("laboratory", torques=[4.0, 8.0], assemblies=1, **asked)
-        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in units)
+        >>> linear = [replace(unit, laws=()) for unit in units]
+        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in linear)
         >>> print(sorted(fleet["torque"].values.tolist()), fleet["assembly"].values.tolist())
         [4.0, 8.0] ['assembly 1', 'assembly 1']
     """
@@ -140,9 +142,11 @@ def read_fleet(path: str | Path) -> xr.DataTree:
         The torques of a fleet are read from its file:
 
         >>> import jbw; jbw.enable_x64()
+        >>> from dataclasses import replace
         >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
         >>> units = jbw.rig.measure_fleet("laboratory", torques=[4.0, 8.0], assemblies=1, **asked)
-        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in units)
+        >>> linear = [replace(unit, laws=()) for unit in units]
+        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in linear)
         >>> jbw.write_fleet("fleet.nc", fleet)
         >>> print(sorted(jbw.read_fleet("fleet.nc")["torque"].values.tolist()))
         [4.0, 8.0]
@@ -164,9 +168,11 @@ def write_fleet(path: str | Path, fleet: xr.DataTree) -> None:
         A fleet is kept in one file:
 
         >>> import jbw; jbw.enable_x64()
+        >>> from dataclasses import replace
         >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
         >>> units = jbw.rig.measure_fleet("laboratory", torques=[4.0, 8.0], assemblies=1, **asked)
-        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in units)
+        >>> linear = [replace(unit, laws=()) for unit in units]
+        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in linear)
         >>> jbw.write_fleet("fleet.nc", fleet)
         >>> print(jbw.read_fleet("fleet.nc").identical(fleet))
         True

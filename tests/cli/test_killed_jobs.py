@@ -8,6 +8,7 @@ from pathlib import Path
 from unittest.mock import Mock
 
 import pytest
+from tiers import standing_for_all
 
 from jbw import parts
 from jbw.cli import progress, run
@@ -94,7 +95,7 @@ def saved(folder):
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal on this system")
 @pytest.mark.fault(40)
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", standing_for_all(COMMANDS, "sbc"))
 def test_a_killed_command_goes_on_and_makes_no_finished_part_again(
     tmp_path, monkeypatch, capsys, command
 ):

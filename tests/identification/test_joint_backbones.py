@@ -13,6 +13,7 @@ from jbw.identification.assemble import assemble, measured_in
 from jbw.identification.joint_answers import (
     _is_known,
     backbones_group,
+    joints_finding,
     joints_group,
     joints_words,
 )
@@ -159,6 +160,16 @@ def test_a_third_harmonic_loses_three_times_as_often_in_a_cycle():
 def test_a_share_is_identified_within_a_factor_of_two(spread, known, sign):
     draws = sign * np.geomspace(1.0, spread, 2001)
     assert _is_known(draws) == known
+
+
+def test_joints_that_are_not_identified_are_named_in_a_finding():
+    names = ["bolt_1", "bolt_2"]
+    for are_known, status in (([True, True], "ok"), ([False, False], "usable")):
+        group = xr.Dataset({"identified": ("joint", are_known)}, {"joint": names})
+        finding = joints_finding(group)
+        assert finding is not None
+        assert finding.status == status
+    assert "bolt_1, bolt_2" in finding.reason
 
 
 def test_a_structure_of_one_joint_has_none():

@@ -1,7 +1,9 @@
 """Two bolts of two lapped beams, from sweeps of one mode or two: what is known, fitted and told."""
 
 import json
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
 from types import SimpleNamespace
 
 import jax.numpy as jnp
@@ -195,7 +197,7 @@ def test_a_fit_of_two_modes_finds_the_truth_of_both_bolts():
     assert float(group["loss_share"].sel(joint="bolt_2", mode=2, quantile=0.5)) > 0.98
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_joint_backbones.py has the sum by scipy, and the finding
 def test_weak_sweeps_of_one_mode_tell_the_sum_of_the_bolts_alone():
     bolts = (two_bolts.BOLTS[0],) * 2
     weak = two_bolts.campaign(("first",), bolts=bolts, weaker=8.0)
@@ -222,11 +224,19 @@ def test_weak_sweeps_of_one_mode_tell_the_sum_of_the_bolts_alone():
     assert added == pytest.approx(exact.damping.sum(), abs=4 * std)
 
 
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory):
+    """Return the campaign file of tight bolts, the folder of its run, and what was printed."""
+    folder = tmp_path_factory.mktemp("tight")
+    path, out = two_bolts.written(folder), folder / "run"
+    with redirect_stdout(StringIO()) as printed:
+        run(["identify", str(path), "--quick", "--out", str(out)])
+    return path, out, printed.getvalue()
+
+
 @pytest.mark.slow
-def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
-    path, out = two_bolts.written(tmp_path), tmp_path / "run"
-    run(["identify", str(path), "--quick", "--out", str(out)])
-    printed = capsys.readouterr().out
+def test_a_campaign_file_is_identified_from_end_to_end(identified):
+    path, out, printed = identified
     assert "mode 2 is damped mainly by bolt_2" in printed.replace("\n", " ")
     summary = json.loads((out / "summary.json").read_text())
     assert [row["verdict"] for row in summary["joints"]["joints"]] == ["identified"] * 2
@@ -294,16 +304,14 @@ def test_a_fit_of_free_decays_alone_finds_the_truth_of_both_bolts():
 
 
 @pytest.mark.slow
-def test_two_runs_name_the_bolt_that_was_loosened(tmp_path, capsys):
+def test_two_runs_name_the_bolt_that_was_loosened(identified, tmp_path, capsys):
     """A tenth less preload, and slip at a tenth less of motion: delta and gamma are larger."""
     first, (alpha, delta, gamma) = two_bolts.BOLTS
-    bolts = {"tight": two_bolts.BOLTS, "loose": (first, (alpha, delta / 0.9, gamma / 0.9))}
-    for seed, (name, of_run) in enumerate(bolts.items()):
-        (tmp_path / name).mkdir()
-        path = two_bolts.written(tmp_path / name, bolts=of_run, seed=seed)
-        run(["identify", str(path), "--quick", "--out", str(tmp_path / f"run_{name}")])
+    loosened = (first, (alpha, delta / 0.9, gamma / 0.9))
+    path, loose = two_bolts.written(tmp_path, bolts=loosened, seed=1), tmp_path / "run"
+    run(["identify", str(path), "--quick", "--out", str(loose)])
     capsys.readouterr()
-    run(["diff", *(str(tmp_path / f"run_{name}") for name in bolts), "--json"])
+    run(["diff", str(identified[1]), str(loose), "--json"])
     record = json.loads(capsys.readouterr().out)
     assert {row["joint"]: row["changed"] for row in record["joints"]} == {
         "bolt_1": False,

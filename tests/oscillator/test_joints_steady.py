@@ -142,7 +142,7 @@ def test_outputs_do_not_know_the_gauge():
     alike(two.y, one.y, 1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_modal_steady.py has those of one joint
 def test_gradients_are_slopes():
     structure = jax.tree.map(jnp.asarray, pair())
 

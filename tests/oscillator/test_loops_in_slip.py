@@ -183,13 +183,15 @@ def slope_of_damping(law, y_peak):
 
 FAST = {("bouc_wen", 7.0), ("bouc_wen hardens", 100.0), ("gap_series", 7.0), ("iwan4", 7.0),
         ("jenkins_3", 7.0), ("masing_exponential", 7.0)}  # fmt: skip
+# Stick, little slip, the motion that once lost a third of the damping, and slip throughout.
+EVERY_TIME = (1e-6, 0.6, 7.0, 100.0)
 
 
 def every_case():
     for case in CASES:
         for multiple in MULTIPLES:
-            marks = () if (case, multiple) in FAST else pytest.mark.slow
-            yield pytest.param(case, multiple, marks=marks)
+            slow = pytest.mark.slow if multiple in EVERY_TIME else pytest.mark.release
+            yield pytest.param(case, multiple, marks=() if (case, multiple) in FAST else slow)
 
 
 @pytest.mark.parametrize(("case", "multiple"), list(every_case()))

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 
@@ -58,6 +59,11 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 
 def run(script, *arguments, **environment):
     command = [sys.executable, "-c", script, *arguments]
+    # Compiled code is kept where the tests keep theirs.
+    if folder := jax.config.jax_compilation_cache_dir:
+        environment |= {
+            "JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+        }  # fmt: skip
     done = subprocess.run(
         command, env=os.environ | environment, capture_output=True, text=True, check=False
     )

@@ -122,7 +122,8 @@ def test_each_step_of_its_page_runs_on_the_demo(home, monkeypatch):
         pytest.param(["plan", "demo"], marks=pytest.mark.release),
         ["predict", "demo", "--sweep", "10:25", "--level", "0.3"],
         ["export", "demo", "--mass", "2.5"],
-        ["report", "demo"],
+        # The README's Python above writes this page, and test_storage.py has the command.
+        pytest.param(["report", "demo"], marks=pytest.mark.release),
     ],
     ids=lambda words: words[0],
 )
@@ -131,7 +132,7 @@ def test_the_commands_of_the_readme_run_on_the_demo(home, words, monkeypatch):
     assert run(words) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_quick.py compares the two of the toy campaign
 def test_the_fit_alone_has_the_intervals_of_the_posterior(home):
     """Widths of 99 % intervals, of `--quick` and of the demonstration's own draws.
 
