@@ -12,7 +12,9 @@ import jbw
 
 # The first three take 20 to 30 CPU seconds each; `new_units` makes the population that
 # `population_of` makes, and `read_fleet` reads what `write_fleet` writes.
-OF_FLEETS = ("new_backbone", "one_stage", "updated", "population_of", "write_fleet")
+OF_FLEETS = (
+    "new_backbone", "one_stage", "updated", "population_of", "write_fleet", "read_fleet",
+)  # fmt: skip
 
 
 def example_of(name):

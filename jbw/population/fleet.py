@@ -111,11 +111,9 @@ def fleet_of(
         The finished runs of two torques make a fleet:
 
         >>> import jbw; jbw.enable_x64()
-        >>> from dataclasses import replace
         >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
         >>> units = jbw.rig.measure_fleet("laboratory", torques=[4.0, 8.0], assemblies=1, **asked)
-        >>> linear = [replace(unit, laws=()) for unit in units]
-        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in linear)
+        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in units)
         >>> print(sorted(fleet["torque"].values.tolist()), fleet["assembly"].values.tolist())
         [4.0, 8.0] ['assembly 1', 'assembly 1']
     """
@@ -142,11 +140,9 @@ def read_fleet(path: str | Path) -> xr.DataTree:
         The torques of a fleet are read from its file:
 
         >>> import jbw; jbw.enable_x64()
-        >>> from dataclasses import replace
         >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
         >>> units = jbw.rig.measure_fleet("laboratory", torques=[4.0, 8.0], assemblies=1, **asked)
-        >>> linear = [replace(unit, laws=()) for unit in units]
-        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in linear)
+        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in units)
         >>> jbw.write_fleet("fleet.nc", fleet)
         >>> print(sorted(jbw.read_fleet("fleet.nc")["torque"].values.tolist()))
         [4.0, 8.0]
@@ -168,11 +164,9 @@ def write_fleet(path: str | Path, fleet: xr.DataTree) -> None:
         A fleet is kept in one file:
 
         >>> import jbw; jbw.enable_x64()
-        >>> from dataclasses import replace
         >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
         >>> units = jbw.rig.measure_fleet("laboratory", torques=[4.0, 8.0], assemblies=1, **asked)
-        >>> linear = [replace(unit, laws=()) for unit in units]
-        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in linear)
+        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in units)
         >>> jbw.write_fleet("fleet.nc", fleet)
         >>> print(jbw.read_fleet("fleet.nc").identical(fleet))
         True
