@@ -16,6 +16,9 @@ ATTENUATION = 80.0  # attenuation outside the band [dB]
 MOST_TAPS = 2**24
 # smallest number of samples per period of the fastest motion in the band that a solver needs
 LEAST_PER_PERIOD = 11
+# smallest number of independent envelope values of a decay, each of two numbers: three unknowns and
+# the noise take a quarter of them
+FEWEST_VALUES = 8
 
 
 @dataclass(frozen=True)

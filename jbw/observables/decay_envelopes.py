@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import DataError
-from jbw.measurement.demodulation import BandFilter
+from jbw.measurement.demodulation import FEWEST_VALUES, BandFilter
 from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.faults.examine import read_decays
 from jbw.measurement.readings.table import ModeReading
@@ -28,8 +28,6 @@ from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 # number of unknowns of a record in addition to the noise: amplitude, phase, frequency shift
 NUM_OWN = 3
-# smallest number of envelope values: a decay has five parameters, and each record three unknowns
-LEAST_VALUES = 16
 HEADROOM = 1.02  # start amplitude of the simulated decay, relative to that of the strongest record
 # duration of the simulation, relative to the duration that the measured decay rates require
 SPARE = 1.3
@@ -92,10 +90,10 @@ class Envelopes(Observable):
         chosen = filter_of(test)
         thinned = [record_envelope[:: chosen.step] for record_envelope in envelopes(test)]
         length = min(map(len, thinned))
-        if length < LEAST_VALUES:
+        if length < FEWEST_VALUES:
             raise DataError(
                 f"Test `{test.name}` has {length} independent values in its shortest record; at "
-                f"least {LEAST_VALUES} are needed.",
+                f"least {FEWEST_VALUES} are needed.",
                 remedy="Widen `band`, shorten `settle`, or drop short records with `exclude`.",
             )
         envelope = np.stack([thinned_envelope[:length] for thinned_envelope in thinned])

@@ -15,6 +15,7 @@ from jbw.campaign.files import repeats_of
 from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, DataError
+from jbw.measurement.demodulation import FEWEST_VALUES
 from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.spans import long_records, start_of
 from jbw.units import decibels, quantity_of
@@ -453,7 +454,8 @@ def test_a_band_too_narrow_for_the_record_is_widened(tmp_path):
     pasted(path, [fault.remedy])
     assert faults(path) == []
     (test,) = load_campaign(path).tests
-    assert all(len(envelope) >= 16 * filter_of(test).step for envelope in envelopes(test))
+    least = FEWEST_VALUES * filter_of(test).step
+    assert all(len(envelope) >= least for envelope in envelopes(test))
 
 
 def test_of_four_periods_nothing_is_read(tmp_path):

@@ -9,7 +9,7 @@ from scipy.ndimage import maximum_filter1d
 from jbw.errors import DataError, JbwError
 from jbw.measurement.channels import Reals, lines_within
 from jbw.measurement.curves import ForcedLoop, MeasuredCurve, displacement_of
-from jbw.measurement.demodulation import band_filter
+from jbw.measurement.demodulation import FEWEST_VALUES, band_filter
 from jbw.measurement.faults.fault import Fault, doubt, refusal
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
@@ -41,7 +41,6 @@ ELSEWHERE = 0.1
 STANDS_OUT = 5.0
 FEW = 256  # A displacement with fewer samples was probably read from a chart.
 PERIODS = 8  # smallest number of periods in a record for a line to count as a mode
-FEWEST_VALUES = 16  # smallest number of independent envelope values
 WIDENED = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)  # factors by which a proposed band is widened
 LOWEST = 0.2  # smallest lower edge of a band, relative to its centre
 DECAYED = 0.9  # largest ratio of a decay's last quarter to its first; more is no decay
