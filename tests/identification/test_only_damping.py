@@ -128,7 +128,7 @@ def quick_answer(test, laws=("bouc_wen",)):
     return jbw.identify(campaign, quick=True, seed=0, report=lambda _: None)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the findings are made above
 @pytest.mark.filterwarnings("ignore")
 def test_a_first_answer_of_drag_doubts_hysteresis_and_the_line_cures():
     test = decays_of(drag)

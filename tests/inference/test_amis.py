@@ -100,6 +100,7 @@ def biases(bend, start, covariance):
     return off / [tree.attrs["log_evidence_error"] for tree in trees]
 
 
+@pytest.mark.release  # test_evidence_samplers.py has one seed
 @pytest.mark.parametrize(("bend", "off"), represented_by((0.5, 0.0), (0.0, 1.0)))
 def test_the_evidence_of_forty_seeds_has_no_bias_and_the_error_that_it_states(bend, off):
     z = biases(bend, dict.fromkeys("abcde", off), (0.25 if off else 1.0) * np.eye(5))

@@ -31,7 +31,11 @@ def draws(sampler, chain_method="sequential", kept=None, data=(1.0, 2.0), **opti
 @pytest.mark.fault(40)
 @pytest.mark.parametrize(
     ("sampler", "method"),
-    [("nuts", "vectorized"), ("elliptical_slice", "sequential"), ("random_walk", "vectorized")],
+    [
+        pytest.param("nuts", "vectorized", marks=pytest.mark.release),
+        ("elliptical_slice", "sequential"),
+        ("random_walk", "vectorized"),
+    ],
 )
 def test_stopped_chains_go_on_bit_for_bit(sampler, method, monkeypatch):
     whole = draws(sampler, method)

@@ -108,7 +108,7 @@ def wound(rungs=None, **options):
 CHAINS = [(True, "elliptical_slice"), (False, "nuts")]
 
 
-@pytest.mark.parametrize(("is_costly", "sampler"), CHAINS)
+@pytest.mark.parametrize(("is_costly", "sampler"), represented_by(*CHAINS))
 def test_a_posterior_that_no_mixture_suits_is_left_to_chains(is_costly, sampler):
     rungs = []
     tree = wound(rungs, is_costly=is_costly, num_samples=60, num_warmup=200, until=None)

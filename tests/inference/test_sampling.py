@@ -95,6 +95,7 @@ def test_other_data_and_bounds_run_without_compiling_again():
     assert len(TRACES) == before
 
 
+@pytest.mark.release  # test_sampler_contract.py asks it of all
 @pytest.mark.fault(55)
 @pytest.mark.parametrize("sampler", ["nuts", "random_walk", "elliptical_slice"])
 def test_equal_keys_give_equal_draws_and_other_keys_other_draws(sampler):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tiers import represented_by
 
 from jbw.campaign.check import findings
 from jbw.campaign.tables import TestSpec
@@ -45,9 +46,9 @@ def found(u, x, kind, delay=0.0, seed=1, source="force"):
     return findings(Record(FS, {source: u, "displacement": x}, units, name="a.h5"), spec)
 
 
-@pytest.mark.parametrize("down", [False, True])
+@pytest.mark.parametrize("down", represented_by(True, False))
 @pytest.mark.parametrize("zeta", [0.001, 0.005, 0.02])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("sign", represented_by(-1.0, 1.0))
 def test_a_sound_sweep_is_not_doubted(down, zeta, sign):
     u = sweep(down=down)
     for seed in range(3):
@@ -74,7 +75,7 @@ def test_a_clock_that_runs_apart_is_named_with_its_rate(kind, drive, ppm):
 
 
 @pytest.mark.parametrize(("kind", "drive"), [("sweep", sweep()), ("noise", noise())])
-@pytest.mark.parametrize("lost", [4, 9])
+@pytest.mark.parametrize("lost", represented_by(4, 9))
 def test_a_lost_block_is_named_with_its_time(kind, drive, lost):
     at = round(0.4 * len(drive) / 8) * 8
     x = response(np.append(drive, np.zeros(lost)))
@@ -103,8 +104,8 @@ def test_a_block_lost_within_a_part_of_noise_is_named_with_a_span_before_it(part
 
 
 @pytest.mark.parametrize("down", [False, True])
-@pytest.mark.parametrize("lost", [4, 6, 9])
-@pytest.mark.parametrize("later", [0.0, 0.5])
+@pytest.mark.parametrize("lost", represented_by(4, 6, 9))
+@pytest.mark.parametrize("later", represented_by(0.0, 0.5))
 def test_a_block_lost_at_the_resonance_of_a_short_sweep_is_named(later, lost, down):
     u = sweep(15.0, down=down)
     at = round((7.5 + later) * FS)  # the resonance is passed at 7.5 s
@@ -123,7 +124,7 @@ def test_a_block_lost_at_the_resonance_of_a_short_sweep_is_named(later, lost, do
     assert not any("lost a block" in fault.what for fault in found(u[kept], x[kept], "sweep"))
 
 
-@pytest.mark.parametrize("lost", [4, 6, 9])
+@pytest.mark.parametrize("lost", represented_by(6, 4, 9))
 def test_a_lag_that_jumps_at_the_resonance_has_the_time_of_the_cut(lost):
     u = sweep()
     at = round(20.0 * FS)
@@ -133,7 +134,7 @@ def test_a_lag_that_jumps_at_the_resonance_has_the_time_of_the_cut(lost):
     assert float(fault.what.split()[1]) == pytest.approx(at / FS, abs=2 / HZ)  # three digits
 
 
-@pytest.mark.parametrize("clicks", [1, 6])
+@pytest.mark.parametrize("clicks", represented_by(6, 1))
 def test_knocking_at_the_resonance_is_no_lost_block(clicks):
     u = sweep()
     x = response(u)

@@ -74,6 +74,7 @@ print(next(line for line in open("/proc/self/status") if line.startswith("VmHWM"
 """
 
 
+@pytest.mark.release  # test_peak_memory.py
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
 def test_a_decay_whose_rate_noise_hides_takes_no_more_memory_than_others():
     here = os.path.dirname(__file__)

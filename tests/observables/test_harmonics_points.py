@@ -138,7 +138,7 @@ def test_stepped_sines_are_cut_into_their_steps():
         stepped_groups(short)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_contract.py has the slopes of points
 def test_derivatives_are_the_implicit_ones():
     data = Points.of(tone_groups([tone(18.2, 0.5), tone(6.0, 0.5)]))
 

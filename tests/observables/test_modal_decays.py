@@ -106,7 +106,7 @@ def test_linear_modes_decay_in_closed_form():
     assert told["zeta_2"] == pytest.approx(ZETA[1], rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_contract.py has those of every kind
 def test_derivatives_are_those_of_central_differences():
     """Of Q, with the start at its best: exact where that has been found."""
     data = ModalDecays.of(modal_decay_test(STARTS[:1], settle=0.25), modes=MODES)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pasted import pasted
 from scipy.stats import norm
+from tiers import represented_by
 
 from jbw.errors import DataError
 from jbw.identification.accuracy import repeatability_finding
@@ -130,7 +131,7 @@ def test_a_delay_is_undone():
     np.testing.assert_allclose(advance(late, 0.0037, FS), pulse, atol=1e-12)
 
 
-@pytest.mark.parametrize("band", [None, (14.0, 24.0)])
+@pytest.mark.parametrize("band", represented_by((14.0, 24.0), None))
 def test_what_moved_before_the_record_is_not_compared(tests, band):
     """A record cut out of a motion: reference is the motion followed from its true start."""
     (whole,) = tests

@@ -73,7 +73,7 @@ def test_golden_gradients_at_four_substeps(case):
         assert np.median(error) < 1e-6, (name, error)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # golden gradients at four substeps are in this file
 @pytest.mark.parametrize(  # one of each hold
     "case", represented_by(SWEEPS[1], *SWEEPS[3:5]), ids=label
 )

@@ -35,6 +35,7 @@ def backward():
     return np.asarray(slopes(POINT))
 
 
+@pytest.mark.release  # differences of the motion are in this file
 def test_both_modes_agree(backward):
     forward = np.asarray(jax.jit(jax.jacfwd(motion))(POINT))
     # The same sums in another order.
@@ -70,7 +71,7 @@ def test_by_the_input(backward):
     assert float(by_input @ bump) == pytest.approx(float(jnp.sum(slope)), rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # differences of the motion are in this file
 def test_lanes_have_the_gradients_of_each(backward):
     points = POINT * (1.0 + 0.02 * jnp.arange(3.0)[:, None])
     found = np.asarray(jax.jit(jax.vmap(jax.jacrev(motion)))(points))

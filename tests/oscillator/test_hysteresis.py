@@ -378,6 +378,7 @@ def test_loop_gradients(delta, gamma, y_peak):
             assert abs(complex(forward[name][i]) - slope) * scale < 1e-11 * size, (name, i)
 
 
+@pytest.mark.release  # first derivatives are in this file
 def test_loop_second_derivative_across_gamma_zero():
     # Series: z_max = ... + (delta^2 - 2 gamma^2) Y^3/6, so d2/dgamma2 = -2/3 alpha Y^3 (1 + ...).
     def z_max(gamma):

@@ -69,7 +69,7 @@ def test_the_response_of_one_mode_is_that_of_the_oscillator():
     assert np.max(np.abs(one.q[:, 0] - other)) < 1e-12 * np.max(np.abs(other))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # its response is, in this file
 def test_the_curve_of_one_mode_is_that_of_the_oscillator():
     """Newton's round-off; the joint's displacement is the mode's."""
     structure, joint = one_mode(LAWS)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tiers import represented_by
 
 import jbw
 from jbw.oscillator import deepening
@@ -61,7 +62,7 @@ def shaken(fs=FS):
     return jnp.asarray(tones * np.abs(np.cos(2 * np.pi * 1.5 * t)) ** 1.5)
 
 
-@pytest.mark.parametrize("places", [24, 10])
+@pytest.mark.parametrize("places", represented_by(10, 24))
 def test_every_reversal_of_several_modes_is_remembered(places, monkeypatch):
     """From the usual room on, and from less: it is solved again with twice as much."""
     monkeypatch.setattr(deepening, "OF_SEVERAL_MODES", places)

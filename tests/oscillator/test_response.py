@@ -132,6 +132,7 @@ def event_located(joint, u, fs, substeps):
     return np.array(states).T
 
 
+@pytest.mark.release  # golden sweeps are in this file
 def test_state_converges_with_order_4_through_the_kinks():
     fs, n = 512.0, np.arange(160)
     u = 40.0 * np.sin(2 * np.pi * 21 * n / fs) + 15.0 * np.sin(2 * np.pi * 33 * n / fs + 1)

@@ -253,7 +253,7 @@ def test_says_which_tone_did_not_converge(monkeypatch):
         steady_state(STRONG, np.array([20.0, omega]), amplitude)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_adjoint.py has those of a record
 def test_second_derivatives_of_the_steady_state():
     point = jnp.array([497.4, 340.21, 32.84])
 

@@ -221,7 +221,7 @@ def test_a_saturating_curve_is_an_exponential_of_slope_one():
     np.testing.assert_allclose(curve, expected, rtol=1e-12, atol=1e-18)
 
 
-@pytest.mark.slow  # each samples a population of its own
+@pytest.mark.release  # slopes and scatters are in this file
 def test_a_frequency_that_saturates_is_predicted_beyond_the_torques(tmp_path):
     """omega_n by its curve; a power through the same units goes on to rise."""
     torques = np.repeat([1.5, 3.0, 6.0, 12.0], 2)

@@ -24,6 +24,7 @@ def found(path):
     return fitted, causes(fitted.fit, fitted.data)
 
 
+@pytest.mark.release  # test_clocks.py and test_pasted_remedies.py have both
 def test_another_clock_is_the_first_cause_and_its_key_cures(tmp_path, monkeypatch):
     driven = toy_campaign.CAMPAIGN.partition('[[test]]\nkind = "loop"')[0]
     monkeypatch.setattr(toy_campaign, "CAMPAIGN", driven.replace("gain = 15.0\n", ""))

@@ -57,7 +57,7 @@ def test_the_first_fit_of_two_kinds_is_no_worse_than_the_truth(first, second):
     assert best.at_bound == {}
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", represented_by(*range(3)))
 def test_a_loop_beside_one_tone_starts_beside_what_its_secant_tells(seed):
     # The loop's secant is several per cent softer than the joint that sticks: held along the start,
     # it leads to an optimum of a hundred times the truth's cost.
@@ -66,7 +66,7 @@ def test_a_loop_beside_one_tone_starts_beside_what_its_secant_tells(seed):
     assert best.at_bound == {}
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", represented_by(*range(4)))
 def test_a_quick_answer_does_not_depend_on_its_seed(tmp_path, seed):
     # With seeds 2 and 3 the first of the starts ends with gamma near 0 and an error of 4 %.
     path = write_toy(tmp_path, PLAIN + LAW)

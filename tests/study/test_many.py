@@ -188,7 +188,7 @@ def units(tmp_path):
     return written
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_killed_jobs.py kills a command
 @pytest.mark.fault(40)
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_fleet_that_is_killed_goes_on_and_ends_as_the_undisturbed_one(

@@ -79,6 +79,7 @@ def test_a_stated_density_adds_what_scipy_says(model):
     assert density_at(model_of(fitted), point) == pytest.approx(expected, abs=1e-9)
 
 
+@pytest.mark.release  # test_comparing.py compares samplers
 def test_the_paper_walk_and_nuts_draw_from_the_same_posterior(model, walked):
     nuts = MCMC(model.nuts(), num_warmup=200, num_samples=1000, num_chains=1, progress_bar=False)
     nuts.run(jax.random.key(0))

@@ -63,7 +63,7 @@ def outside(records, held, lower, upper):
     return mean, np.sqrt(simpson(p * (gamma - mean) ** 2, x=gamma) / simpson(p, x=gamma))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_comparing.py compares samplers
 @pytest.mark.parametrize("seed", SEEDS)
 def test_samplers_agree_with_the_outside_answer_on_step_4(seed):
     design = designs.opening()
