@@ -10,10 +10,11 @@ import pytest
 
 import jbw
 
-# The first three take 20 to 30 CPU seconds each; `new_units` makes the population that
-# `population_of` makes, and `read_fleet` reads what `write_fleet` writes.
+# The first three take 20 to 30 CPU seconds each. `new_units` makes the population of the next
+# two, and `fleet_of` makes the fleet of the last two.
 OF_FLEETS = (
-    "new_backbone", "one_stage", "updated", "population_of", "write_fleet", "read_fleet",
+    "new_backbone", "one_stage", "updated", "population_of", "new_prediction", "write_fleet",
+    "read_fleet",
 )  # fmt: skip
 
 

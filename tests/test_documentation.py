@@ -389,7 +389,7 @@ def test_the_tutorial_runs_up_to_its_identification(tutorial):
     assert Path("look").exists()
 
 
-@pytest.mark.release  # two minutes, most of them the identification; test_demo.py has another
+@pytest.mark.release  # two minutes, most of them the identification
 def test_the_tutorial_is_so(tutorial, capsys):
     names, last, commands_after_draft = tutorial
     for words in commands_after_draft:

@@ -78,16 +78,16 @@ def options_of(command):
 
 
 def test_every_command_that_is_named_is_one():
-    for where, command, words in sorted(commands()):
+    for where, command, options in sorted(commands()):
         if command not in PROSE:
-            assert_is_one(where, command, words)
+            assert_is_one(where, command, options)
 
 
-def assert_is_one(where, command, words):
+def assert_is_one(where, command, options):
     assert command in COMMANDS, where
     found = cli.get_command(click.Context(cli), command)
     assert found is not None
-    named = {word for word in words.split() if word.startswith("-")}
+    named = {word for word in options.split() if word.startswith("-")}
     assert named <= options_of(found), where
 
 

@@ -66,7 +66,7 @@ parts.put_whole, parts.pack, store._save = put_part, made, save_last
 sys.exit(run(sys.argv[2:]))
 """
 COMMANDS = {
-    "sbc": ["sbc", "--step", "linear", "--replications", "250"],
+    "sbc": ["sbc", "--step", "linear", "--replications", "201"],
     "plan": ["plan", "plan.toml"],
 }
 # Moments of the kills, one process after the other, with the parts kept before and made by each.

@@ -208,7 +208,7 @@ def standardised(fit, truth):
     return float(away @ np.linalg.solve(fit.covariance[np.ix_(order, order)], away))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # what its fit is made of is tested above
 def test_bolts_that_move_by_other_factors_are_found_by_uncertain_shapes_alone():
     """Mode 2 moves the bolts by 8 % more and 7 % less than the matrices say."""
     campaign = two_bolts.campaign(factors=TRUE_FACTORS)

@@ -74,8 +74,13 @@ def within(values, mean, sd):
 
 @pytest.mark.parametrize(
     "sampler",
-    [pytest.param(one, marks=pytest.mark.slow) if one in LONG else one for one in SAMPLERS],
-)
+    [
+        late_nested if one == "nested"  # test_sampler_contract.py draws by it twice
+        else pytest.param(one, marks=pytest.mark.slow) if one in LONG
+        else one
+        for one in SAMPLERS
+    ],
+)  # fmt: skip
 def test_every_sampler_leaves_the_same_tree(sampler, tmp_path):
     known = {} if sampler in ("nested", "tempered_smc") else ABOUT
     first, again, other = (draw(sampler, seed, **known) for seed in (3, 3, 4))

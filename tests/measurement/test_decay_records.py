@@ -168,13 +168,16 @@ def stuck_below(stuck, extra, power, seconds):
     return noisy(np.exp(log) * np.cos(phase), noise=2e-4), fs
 
 
+STUCK = list(itertools.product((0.02, 0.05, 0.1), (0.01, 0.02), (0.5, 1.0), (1.8, 2.4)))
+
+
 @pytest.mark.slow
-def test_a_joint_that_sticks_in_the_end_is_no_hum():
+@pytest.mark.parametrize("cases", represented_by(STUCK[1::5], STUCK), ids=len)
+def test_a_joint_that_sticks_in_the_end_is_no_hum(cases):
     """Its late motion damps less than the fitted powers of amplitude: it falls, and hum does not.
 
     With lines of constant amplitude alone, 6 of these 24 sound records were accused.
     """
-    cases = itertools.product((0.02, 0.05, 0.1), (0.01, 0.02), (0.5, 1.0), (1.8, 2.4))
     accused = [
         case
         for case in cases
@@ -182,7 +185,7 @@ def test_a_joint_that_sticks_in_the_end_is_no_hum():
             "does not decay" in name for name in named(found(*stuck_below(*case), (59.0, 180.0)))
         )
     ]
-    assert len(accused) <= 1
+    assert len(accused) <= len(cases) / 24
 
 
 def test_a_line_outside_the_band_is_not_doubted():
@@ -249,9 +252,10 @@ def test_noise_is_compared_with_the_converter_step_in_the_unit_of_the_record(mon
     assert steps == pytest.approx([unit / 128], rel=1e-9)
 
 
-def test_a_beat_of_two_modes_is_neither_blow_nor_drive():
+@pytest.mark.parametrize("count", represented_by(3, 8))
+def test_a_beat_of_two_modes_is_neither_blow_nor_drive(count):
     t = np.arange(6000) / FS
-    for phase in np.linspace(0, 2 * np.pi, 8, endpoint=False):
+    for phase in np.linspace(0, 2 * np.pi, count, endpoint=False):
         other = 0.9 * np.exp(-RATE * t) * np.cos(2 * np.pi * 31.1 * t + phase)
         (what,) = named(found(noisy(free(softening=0.0) + other)))
         assert what.startswith("`band` contains two modes, at")

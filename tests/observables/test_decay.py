@@ -273,7 +273,7 @@ def test_useless_decays_are_refused(band, samples, word):
         Decays.of(Test("decay", (record,), "impacts", band_hz=band, settle=SETTLE))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_contract.py has this of every kind
 def test_a_silenced_record_counts_as_if_it_were_not_there():
     test = decay_test(shifts=(3e-6, -4e-6, 1e-6, 0.0))
     data = Decays.of(test)

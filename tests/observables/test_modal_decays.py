@@ -147,6 +147,7 @@ def test_a_likelihood_knows_no_gain():
     assert here == pytest.approx(doubled, rel=1e-12)
 
 
+@pytest.mark.release  # test_contract.py has this of other kinds
 def test_a_record_that_does_not_count_says_nothing(clean):
     (silent,) = silenced(clean.groups.labels[:1], Dataset.of([clean])).parts
     assert np.all(np.asarray(silent.weighted(point())[0])[0] == 0.0)

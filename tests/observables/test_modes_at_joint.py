@@ -57,7 +57,7 @@ def test_records_of_the_rig_are_predicted_to_their_noise(data):
     assert np.max(np.linalg.norm(wrong, axis=1) / size) > 0.05
 
 
-@pytest.mark.release  # test_modal_steady.py has those of a mode
+@pytest.mark.release  # test_traced_numbers.py has those of a structure
 def test_gradients_are_those_of_central_differences(data):
     theta = {name: value for name, value in point().items() if name not in data.held}
     held = {**data.held, "sign_2": jnp.asarray(-1.0)}

@@ -107,6 +107,7 @@ def test_rising_and_falling_sweeps_differ_between_the_folds(folded_curve):
     np.testing.assert_allclose(falling[outside, 0], rising[outside, 0], rtol=1e-10)
 
 
+@pytest.mark.release  # a curve with folds is in this file
 def test_curve_without_folds_is_the_steady_state():
     curve = response_curve(PAPER, 1.1 * OMEGA_N, 0.9 * OMEGA_N, 2.0)
     assert np.all(curve.onward)

@@ -90,14 +90,14 @@ def one_row():
     return one, replace(one, h=one.h[None], p=one.p[:, None], laws=(one.laws,))
 
 
-@pytest.mark.release  # tones and backbones are, below
+@pytest.mark.release  # golden motions and backbones are above
 def test_the_curve_of_one_row_is_that_of_one_joint():
     curve, same = (jbw.response_curve(s, 114.0, 117.0, 2.0, 4) for s in one_row())
     np.testing.assert_allclose(same.omega, curve.omega, rtol=1e-10)
     alike(same.harmonics.x[:, 0], curve.harmonics.x, 1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # golden motions and backbones are above
 def test_one_row_is_one_joint():
     """Newton's round-off; the amplitude of a row is the mode's coordinate, h of which is one."""
     one, row = one_row()
@@ -142,7 +142,7 @@ def test_outputs_do_not_know_the_gauge():
     alike(two.y, one.y, 1e-12)
 
 
-@pytest.mark.release  # test_modal_steady.py has those of one joint
+@pytest.mark.release  # test_traced_numbers.py has those of a structure
 def test_gradients_are_slopes():
     structure = jax.tree.map(jnp.asarray, pair())
 

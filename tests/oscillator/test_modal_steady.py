@@ -115,7 +115,7 @@ def test_steady_state_is_where_the_motion_goes():
     assert np.max(np.abs(found.q[:, 0] - first)) < 1e-6 * np.max(np.abs(first))
 
 
-@pytest.mark.release  # test_joints_steady.py and test_traced_numbers.py have them
+@pytest.mark.release  # test_traced_numbers.py has them
 def test_gradients_are_slopes():
     structure = jax.tree.map(jnp.asarray, two_modes())
 

@@ -152,9 +152,9 @@ LONG = {
 AGAIN = {
     "Structure, backbone", "simulate, periodic", "steady_state", "steady_state, restoring",
 }  # fmt: skip
-# Of slopes also what test_adjoint.py and test_modal_steady.py hold against differences.
+# Of slopes also what test_adjoint.py and test_structure.py hold against differences.
 SLOPE_AGAIN = AGAIN | {
-    "frequency_response", "simulate, function", "simulate, initial",
+    "Structure", "frequency_response", "simulate, function", "simulate, initial",
 }  # fmt: skip
 
 

@@ -113,6 +113,7 @@ def test_draws_under_a_stated_prior_are_those_of_the_box_weighed_by_it(campaign,
         assert np.std(draws) == pytest.approx(std, rel=4 * np.sqrt(0.5 / effective + 0.5 / 400))
 
 
+@pytest.mark.release  # its sites and densities are above
 def test_predictive_and_guides_run_on_it(model):
     before = Predictive(model, num_samples=5)(jax.random.key(0))
     assert before["response of pull"].shape == (5, 512)

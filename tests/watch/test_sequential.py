@@ -61,9 +61,9 @@ def posterior(rng, hits, worth=1.0):
     """Draws under uniform priors, their terms and the log evidence, by points about themselves."""
     middle, width = (np.array(list(parameters.values())) for parameters in (TRUTH, ABOUT))
     mean, cov = np.zeros(3), np.eye(3)
-    for _ in range(4):
+    for size in (NUM // 2, NUM // 2, NUM // 2, 2 * NUM):
         near = multivariate_t(mean, cov, df=4)  # the scatter of frequencies has far tails
-        u = near.rvs(2 * NUM, random_state=rng)
+        u = near.rvs(size, random_state=rng)
         terms = terms_of(x := middle + width * u, hits, worth)
         log_w = terms.sum(axis=1) - near.logpdf(u)
         w = np.exp(log_w - log_w.max())
