@@ -11,6 +11,16 @@ import jax
 PAGES = Path("/proc/self/statm")
 
 
+def kept_code():
+    """Return the environment in which a process keeps compiled code where the tests keep theirs."""
+    folder = jax.config.jax_compilation_cache_dir
+    if not folder:
+        return {}
+    return {
+        "JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    }  # fmt: skip
+
+
 class Compiled(list):
     """The names of the programs that are compiled within a `with` block."""
 

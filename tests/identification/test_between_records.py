@@ -78,7 +78,7 @@ def test_the_finding_states_both_intervals():
     assert "it is +-7.4 %" in finding.reason
 
 
-@pytest.mark.slow
+@pytest.mark.release  # scatter and finding are tested above
 def test_records_of_other_sensitivities_ask_for_other_products():
     test = decay_test(second=0.0)
     gains = np.array([0.85, 1.0, 1.15, 1.0])

@@ -66,7 +66,7 @@ def test_the_medians_have_the_backbone_of_the_truth_and_so_have_bands_without_a_
                 np.testing.assert_allclose(end, curve, rtol=1e-7)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # bands are by scipy below
 def test_a_mode_at_an_amplitude_is_what_scipy_has_by_an_error_that_falls_with_its_square(
     modes, exact
 ):

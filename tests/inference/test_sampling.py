@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from compiling import kept_code
 from scipy.stats import kstest
 from tiers import represented_by
 
@@ -339,7 +340,7 @@ def test_chains_on_two_devices_are_the_chains_on_one():
     flags = {"XLA_FLAGS": "--xla_force_host_platform_device_count=2", "JAX_PLATFORMS": "cpu"}
     command = [sys.executable, "-c", TWO_DEVICES, *map(str, Path(__file__).parents[:2])]
     done = subprocess.run(
-        command, env=os.environ | flags, capture_output=True, text=True, check=False
+        command, env=os.environ | kept_code() | flags, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr
 

@@ -65,7 +65,7 @@ def label(case):
     return f"{case['input']}-{case['A']:g}"
 
 
-@pytest.mark.parametrize("case", SWEEPS[:3], ids=label)
+@pytest.mark.parametrize("case", represented_by(*SWEEPS[:3]), ids=label)
 def test_golden_gradients_at_four_substeps(case):
     for name, error in golden_gradient_errors(case, 4).items():
         # dJ1/d(omega_n) is what two large contributions leave of each other.

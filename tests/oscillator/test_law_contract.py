@@ -42,8 +42,8 @@ def in_tiers(names):
     return [n if n in AT_ONCE else pytest.param(n, marks=pytest.mark.slow) for n in names]
 
 
-# A smooth force, sliders with kinks, and a stack of reversals; the paper's law has golden numbers.
-@pytest.fixture(params=standing_for_all(THETA, "cubic", "jenkins_3", "iwan4"))
+# A smooth force and sliders with kinks; the paper's law and Iwan's have golden numbers.
+@pytest.fixture(params=standing_for_all(THETA, "cubic", "jenkins_3"))
 def compiled_law(request):
     """One of every kind, where a test compiles long programs."""
     return law_of(request.param)

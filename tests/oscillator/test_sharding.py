@@ -4,9 +4,9 @@ import os
 import subprocess
 import sys
 
-import jax
 import numpy as np
 import pytest
+from compiling import kept_code
 
 LANES = """
 import re
@@ -59,14 +59,10 @@ for seconds in map(float, sys.argv[1:]):
 
 def run(script, *arguments, **environment):
     command = [sys.executable, "-c", script, *arguments]
-    # Compiled code is kept where the tests keep theirs.
-    if folder := jax.config.jax_compilation_cache_dir:
-        environment |= {
-            "JAX_COMPILATION_CACHE_DIR": folder, "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-        }  # fmt: skip
     done = subprocess.run(
-        command, env=os.environ | environment, capture_output=True, text=True, check=False
-    )
+        command, env=os.environ | kept_code() | environment, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
     return done.stdout
 
