@@ -23,8 +23,11 @@ from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble, measured_in
 from jbw.identification.curve_fit import CurveFit, from_readings
 from jbw.identification.first_fit import first_fit
+from jbw.identification.prepare import Fitted
 from jbw.identification.usable import usable
+from jbw.identification.widening import widened_by_fit
 from jbw.inference.fit.fitting import Fit
+from jbw.measurement.channels import rms
 from jbw.measurement.readings.statement import KINDS_OF_FORCE, curve_of, few_rows
 from jbw.measurement.records import Test, drive_of
 from jbw.measurement.resonances import AmplitudeCurve
@@ -42,6 +45,7 @@ AS_GOOD = 1.1
 # A law is excluded if its information criterion is larger than the smallest by more than this (Kass
 # and Raftery 1995).
 DECISIVE = 10.0
+EXACT = 1e-9  # smallest relative error that is distinguished from zero
 
 
 class PreparedTests(NamedTuple):
@@ -143,29 +147,33 @@ def chosen(
         report(messages.BY_READINGS)
     key, is_white = jax.random.key(seed), False
     fits: dict[str, dict[str, float]] = {}
-    errors: dict[str, float] = {}
+    errors: dict[str, dict[str, float]] = {}
     by_curve: dict[str, CurveFit] = {}
     for law, start, alone in _trials(seen, groups, curve, by_curve, key):
         report(messages.trying(law))
         tried = assemble(replace(seen, laws=(law,)))
         try:
-            _, best, data = first_fit(key, tried, seen.settings, start=start, alone=alone)
+            prior, best, data = first_fit(key, tried, seen.settings, start=start, alone=alone)
         except JbwError:  # The law cannot be solved for these tests.
             continue
-        fits[law] = best.theta
-        errors[law], is_white = remains_of(best, data)
+        first = Fitted(best, prior, data)
+        fitted = widened_by_fit(first, seen.settings.prior) or first
+        fits[law] = fitted.fit.theta
+        errors[law], is_white = remains_of(fitted.fit, data)
         if is_white:
             break
     if not errors:
         return seen, {}, ""
-    enough = AS_GOOD * min(errors.values())
-    good = [name for name in errors if errors[name] <= enough]
+    scores = beside_smallest(errors)
+    enough = AS_GOOD * min(scores.values())
+    good = [name for name in errors if scores[name] <= enough]
     best_law = law if is_white else min(good, key=lambda name: len(law_named(name).table))
     criteria = {name: one.criterion for name, one in by_curve.items()}
     most = DECISIVE + min(criteria.values(), default=0.0)
     ruled_out = [name for name in criteria if criteria[name] > most]
     excluded = [name for name in ruled_out if name not in errors]
-    sentence = messages.chosen_by_fits(best_law, errors, excluded, is_white=is_white)
+    means = {name: rms(list(of_law.values())) for name, of_law in errors.items()}
+    sentence = messages.chosen_by_fits(best_law, means, excluded, is_white=is_white)
     report(sentence)
     rivals = full_slip_beside(best_law, ruled_out)
     return replace(seen, laws=(best_law,), rivals=rivals), fits[best_law], sentence
@@ -208,8 +216,21 @@ def _trials(
     yield from ((law, start, False) for law, start in trials)
 
 
-def remains_of(best: Fit, data: Dataset) -> tuple[float, bool]:
-    """Return the rms of the groups' relative errors, and whether their residuals are white."""
+def remains_of(best: Fit, data: Dataset) -> tuple[dict[str, float], bool]:
+    """Return the groups' relative errors, and whether their residuals are white."""
     error, found = errors_and_colour(best, data)
-    mean_square = np.mean(np.square([*error.values()]))
-    return float(np.sqrt(mean_square)), found is None or found.status == "ok"
+    return error, found is None or found.status == "ok"
+
+
+def beside_smallest(errors: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
+    r"""Return each law's rms over data groups of its error, relative to the smallest of any law.
+
+    $$s_l = \sqrt{\mathrm{mean}_g (e_{lg} / \min_k e_{kg})^2}$$
+
+    so that a group whose noise hides the differences between laws does not outweigh the others.
+    """
+    labels = [*next(iter(errors.values()))]
+    rows = np.array([[of_law[label] for label in labels] for of_law in errors.values()])
+    rows = np.maximum(rows, EXACT)
+    scores = np.sqrt(np.mean((rows / rows.min(axis=0)) ** 2, axis=1))
+    return dict(zip(errors, scores.tolist(), strict=True))

@@ -9,6 +9,7 @@ import xarray as xr
 from pasted import pasted
 from scipy.integrate import solve_ivp
 
+import jbw
 from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ModelError
@@ -17,10 +18,19 @@ from jbw.report.messages import laws as messages
 from jbw.results.attributes import DecayConstants
 from jbw.study.identify import identify
 from jbw.study.look import look_quietly
-from jbw.study.prepared import candidates, chosen, full_slip_beside, measured_curve
+from jbw.study.prepared import (
+    beside_smallest,
+    candidates,
+    chosen,
+    full_slip_beside,
+    measured_curve,
+    prepare_tests,
+)
 from jbw.verification.predictive_basis import Basis
 
 OMEGA, ZETA, FS = 2 * np.pi * 20.0, 0.004, 512.0
+# Drag [1/m] and damping ratio of sweeps whose largest motion has three times the damping.
+DRAG, HEAVY = 300.0, 0.04
 FORCES = {
     "cubic": (lambda y, v: 4e8 * y**3, 4e8),
     "quadratic_damping": (lambda y, v: 60.0 * v * abs(v), 60.0),
@@ -151,3 +161,40 @@ def test_a_law_that_cannot_be_solved_is_passed_over(tmp_path, monkeypatch):
     monkeypatch.setattr("jbw.study.prepared.first_fit", refuse)
     found = chosen(seen, [("bouc_wen", "cubic")], None, 0, lambda _: None)
     assert found == (seen, {}, "")
+
+
+def test_a_group_of_noise_does_not_outweigh_the_others():
+    """Of two groups, one is noise of 15 % for each law: the other decides."""
+    scores = beside_smallest({
+        "right": {"quiet": 0.008, "noisy": 0.150},
+        "wrong": {"quiet": 0.056, "noisy": 0.150},
+    })  # fmt: skip
+    assert scores["right"] == 1.0
+    assert scores["wrong"] == pytest.approx(np.sqrt((7.0**2 + 1) / 2))
+
+
+def driven(level):
+    """A sweep over a heavily damped mode with drag, with white noise, by SciPy."""
+    t = np.arange(0, 24, 1 / 256)
+    u = level * np.cos(2 * np.pi * (14 * t + 12 / 48 * t**2))
+
+    def rate(at, state):
+        y, v = state
+        force = np.interp(at, t, u) - DRAG * v * abs(v)
+        return v, force - OMEGA**2 * y - 2 * HEAVY * OMEGA * v
+
+    found = solve_ivp(rate, (0, t[-1]), [0.0, 0.0], t_eval=t, max_step=1 / 256, rtol=1e-7)
+    v = found.y[1]
+    v = v + 0.004 * np.std(v) / level * np.random.default_rng(3).standard_normal(len(t))
+    record = jbw.Record(256.0, {"force": u, "velocity": v}, {"force": "N", "velocity": "m/s"})
+    return jbw.Test("sweep", (record,), f"sweep {level:g}")
+
+
+@pytest.mark.slow
+def test_a_law_whose_first_fit_ends_at_a_default_bound_gets_a_wider_one():
+    """Sweeps at three levels, of drag that adds more damping than the default bound allows."""
+    campaign = jbw.Campaign("drag", None, tuple(map(driven, (30.0, 10.0, 1.0))), gain=1.0)
+    prepared = prepare_tests(replace(campaign, states_laws=False), lambda _: None, 0)
+    assert prepared.measured.laws == ("quadratic_damping",)
+    # Thirteen samples a period: lines between them lack 2 % of the drive at the resonance.
+    assert prepared.start["quadratic_damping"] == pytest.approx(DRAG, rel=0.03)
