@@ -37,6 +37,7 @@ from jbw.identification.joint_modes import joint_modes
 from jbw.identification.one_mode_readings import joint_readings, with_readings
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.procedure import Posteriors
+from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.size import announced
 from jbw.identification.step import attrs
 from jbw.identification.widening import ending, widened_by_fit
@@ -104,7 +105,9 @@ def about_fit(
     tree = with_gain_units(laplace_tree(ready, draws, effective), seen.tests)
     joint = JointPosterior("joint", tree, ready, ready.wall_s + perf_counter() - started)
     in_fit = None if seen.decays is None else decays_in(ready.data)
-    return Posteriors(joint, checks_of_fit(joint, effective), FreeDecays(in_fit))
+    # Offsets of runs are drawn for an answer of its own, not for one that a posterior follows.
+    runs = runs_dataset(key, joint.draws, ready.box.names, ready.data) if weighs else None
+    return Posteriors(joint, checks_of_fit(joint, effective, runs), FreeDecays(in_fit))
 
 
 def laplace_tree(
@@ -142,10 +145,15 @@ def laplace_tree(
     return tree
 
 
-def checks_of_fit(joint: JointPosterior, effective: float | None) -> Checks:
+def checks_of_fit(
+    joint: JointPosterior, effective: float | None, runs: xr.Dataset | None
+) -> Checks:
     """Return the checks of a fit that has no posterior draws: its findings and statements.
 
-    `effective` is the effective number of weighted points; None for a Gaussian approximation.
+    Args:
+        joint: Draws near the fit.
+        effective: Effective number of weighted points; None for a Gaussian approximation.
+        runs: Draws of omega_n and zeta of each run; None without offsets of runs.
     """
     started, ready = perf_counter(), joint.fitted
     modes = joint_modes(joint.draws, ready.data, ready.fit.theta)
@@ -161,8 +169,10 @@ def checks_of_fit(joint: JointPosterior, effective: float | None) -> Checks:
         *([] if of_joints is None else [of_joints]),
         *doubts_of_fit(joint.draws, ready),
     ]
+    sentences += [] if runs is None else [runs_sentence(runs)]
     statements = (*ready.statements, *sentences, *joints_words(joints))
-    groups = {} if joints is None else {JOINTS: joints}
+    groups = {JOINTS: joints, "runs": runs}
+    groups = {name: group for name, group in groups.items() if group is not None}
     return Checks(tuple(findings), (), statements, groups, perf_counter() - started)
 
 
