@@ -36,6 +36,7 @@ from jbw.measurement.readings.statement import (
     AmplitudeTrend,
     RecordTable,
     laws_with,
+    nearby,
     trend,
 )
 from jbw.measurement.readings.table import ModeReading
@@ -520,7 +521,7 @@ def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
 
 
 class Nonlinear(NamedTuple):
-    """The answer whether frequency or damping depends on amplitude, with the possible laws."""
+    """The answer whether frequency or damping depends on amplitude, with laws worth a fit."""
 
     is_seen: bool
     sentences: list[str]
@@ -565,6 +566,8 @@ def nonlinear(tables: Sequence[RecordTable], labels: Sequence[str] = ()) -> Nonl
     laws = laws_with(hz, zeta) if is_seen else ()
     if laws:
         sentences.append(messages.likely_laws(laws))
+    elif is_seen:  # Laws of a near power are worth a fit, but they are not said to have this power.
+        laws = laws_with(nearby(hz), nearby(zeta))
     if hz.is_seen and hz.onset is not None:
         plateau = sum(int(np.sum(table.y < hz.onset)) for table in tables)
         sentences.append(messages.onset(hz.onset, is_linear=plateau >= PLATEAU))

@@ -46,6 +46,7 @@ SPRING = 0.02  # largest ratio of a spring's change of damping to its relative c
 SLIPS = 0.1
 # exponent of the amplitude in the change of frequency (springs), of damping (dampers) or of both
 # (hysteresis), by law
+NEAR = 1.0  # half the distance between the powers of two springs
 SPRINGS = {"cubic": 2.0, "quintic": 4.0}
 DAMPERS = {"quadratic_damping": 1.0, "cubic_damping": 2.0}
 HYSTERESIS = {"bouc_wen": 1.0}
@@ -191,7 +192,11 @@ def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
         chance = max(chance, tables[0].chance)
     step = np.array([1.0 - (low / top) ** (k + 1) for k in range(terms)])
     change, change_sd = float(step @ b), float(np.sqrt(max(step @ inflated[1:, 1:] @ step, 0.0)))
+    squares = _squares_of_powers(rows, tau) / inflation
     turn = _turn(b, inflated[1:, 1:], low / top) if terms == 2 else None
+    # A power fits as well with as many parameters: the value is monotonic, and no parabola.
+    if np.any(squares < found.squares / inflation + INSIDE):
+        turn = None
     zeta = float(np.mean([np.mean(table.zeta) for table in tables]))
     least = LEAST[quantity] * (abs(zeta) if quantity == "hz" else 1.0)
     is_seen = chance < AMPLITUDE and (abs(change) > least or turn is not None)
@@ -201,7 +206,7 @@ def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
         )
     return AmplitudeTrend(
         at_rest=at_rest, change=change * sd_scale, change_sd=change_sd * sd_scale, chance=chance,
-        is_seen=True, exponent=None if turn else _exponent(rows, tau, inflation),
+        is_seen=True, exponent=None if turn else _exponent(squares),
         turn=None if turn is None else (turn * top, (_at(found.values, turn)) * unit),
         scatter=tau, records_chance=records_chance, offsets=offsets,
         onset=_onset(b, inflated[1:, 1:], low / top, top),
@@ -311,15 +316,19 @@ def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
     return None
 
 
-def _exponent(
-    rows: _RowsOfRecords, tau: float, inflation: float
-) -> tuple[float, float, float] | None:
-    """Return the exponent of the amplitude with its 99 % interval, from the profile likelihood."""
+def _squares_of_powers(rows: _RowsOfRecords, tau: float) -> Reals:
+    """Return the sum of squares left by each power of `EXPONENTS`; infinite for under four rows."""
     if len(rows.value) < 4:
-        return None
+        return np.full(len(EXPONENTS), np.inf)
     powers = rows.r ** EXPONENTS[:, None]
     designs = np.stack([np.ones_like(powers), powers], axis=-1)
-    squares = _estimated(rows, designs, tau).squares / inflation
+    return _estimated(rows, designs, tau).squares
+
+
+def _exponent(squares: Reals) -> tuple[float, float, float] | None:
+    """Return the exponent of the amplitude with its 99 % interval, from the profile likelihood."""
+    if not np.all(np.isfinite(squares)):
+        return None
     best = int(np.argmin(squares))
     inside = EXPONENTS[squares < squares[best] + INSIDE]
     return float(EXPONENTS[best]), float(inside.min()), float(inside.max())
@@ -348,6 +357,14 @@ def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
         return slipping
     could_slip = zeta.change + CERTAIN * zeta.change_sd > SLIPS * abs(hz.change)
     return (*_with_power(SPRINGS, hz.exponent), *(slipping if could_slip else ()))
+
+
+def nearby(seen: AmplitudeTrend) -> AmplitudeTrend:
+    """Return a trend with a wider interval of its power, where the interval has no law's power."""
+    if seen.exponent is None:
+        return seen
+    middle, low, high = seen.exponent
+    return seen._replace(exponent=(middle, low - NEAR, high + NEAR))
 
 
 def _with_power(
