@@ -107,7 +107,7 @@ class ReducedModel:
         return self.omega[: self.num_kept] / (2 * np.pi)
 
     def frequencies_at(self, stiffness: Sequence[float] | np.ndarray) -> np.ndarray:
-        r"""Return the natural frequencies for other stiffnesses of the joints [Hz].
+        r"""Return the natural frequencies for given stiffnesses of the joints [Hz].
 
         These are the eigenvalues of $\Lambda + H^T\,\mathrm{diag}(\kappa_j - k_j)\,H$.
 

@@ -235,7 +235,7 @@ def _in_newton_metres(torque: str) -> float:
 def _bands_together(
     blocks: Sequence[str], folder: Path, assumed: list[tuple[str, str]]
 ) -> list[str]:
-    """Give all drafted decays of one mode a common band, around a spectral line in all of them.
+    """Give all drafted decays of one mode a common band around a line that all spectra contain.
 
     An impact may move the suspension more than the joint, so that its line is the largest in one
     test. The line of the joint stands out in every test.
@@ -264,7 +264,7 @@ def _bands_together(
 
 
 def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> dict[int, Reach]:
-    """Return the common band of one mode's decays, around a spectral line in all of them.
+    """Return the common band of one mode's decays, around a line that all spectra contain.
 
     All decays of one mode are fitted in one band, which is the intersection of their bands.
     """

@@ -156,7 +156,7 @@ def nonzero(value: Any) -> tuple[Any, ...]:
 
 
 def modes(value: Any) -> tuple[Any, ...] | int:
-    """Check `modes` and return it: a number of modes, or different frequencies."""
+    """Check and return `modes`: either the number of modes or a list of distinct frequencies."""
     return whole(1)(value) if isinstance(value, int) else unequal(value)
 
 

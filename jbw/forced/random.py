@@ -222,7 +222,7 @@ def random_response(motion: EquivalentMotion, density: Density, share: Values) -
 
 
 def _losses(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
-    """Return free vibration at given amplitudes, and its losses divided by the action [1/s]."""
+    """Return free vibration at each amplitude, and its energy loss per cycle over action [1/s]."""
     if motion.is_by_backbone:
         return _losses_of_mode(motion, y)
     cycle = cycles(motion, y)

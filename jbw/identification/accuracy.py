@@ -173,7 +173,7 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
 
 
 def within_misfit(error: Mapping[str, float]) -> Amendment | None:
-    """Return the change of findings that rates a law usable if its error is small; else None.
+    """Return a law's new rating: usable if the error of the fit is small; otherwise None.
 
     Long or precise records show residuals beyond noise even where these are only a few per cent of
     the record. Such a law is wrong only in that small part, and the intervals include it.
@@ -190,7 +190,7 @@ def within_unseen(
     unseen: Sequence[float],
     which: str,
 ) -> Amendment | None:
-    """Return the change of findings that rates a law by its errors on tests that were not fitted.
+    """Return a law's new rating by its errors on tests that were not fitted: usable or failed.
 
     It applies where findings rate the law usable. Errors are relative to the rms of their tests. If
     their rms exceeds that of the fitted errors by more than a factor of 1.5, the amendment rates

@@ -388,8 +388,8 @@ OF_RUNS_AND_JOINTS: dict[str, Check] = {
     messages.JOINT_SHARES: effects_of_joints,
 }
 STATEMENTS: dict[str, Check] = {
-    "tests": of_tests,
-    "drives": of_drives,
+    "the tests": of_tests,
+    "the drives": of_drives,
     messages.PARTICIPATION: participation,
     messages.ONE_JOINT: one_joint,
     messages.JOINT_DIFFERENCE: difference_of_joints,

@@ -106,9 +106,9 @@ def curve_fit(
     *,
     below: float = np.inf,
 ) -> CurveFit | None:
-    """Fit laws to frequency and damping over amplitude, from the likeliest points of the prior.
+    """Fit laws to frequency and damping over amplitude; start at the most likely prior points.
 
-    None where these do not determine the laws, as with several joints.
+    Return None where frequency and damping do not determine the laws, as with several joints.
 
     Raises:
         ModelError: None of the starts has a steady loop.

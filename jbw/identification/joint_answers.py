@@ -32,8 +32,8 @@ from jbw.results.stored import finite
 JOINTS = "joints"
 # A joint's effect is identified if the ratio of the ends of its 99 % interval is smaller than this.
 SPREAD = 2.0
-# A joint acts as a spring in a mode if its losses there are smaller than this fraction of its
-# stiffness loss.
+# A joint acts as a spring in a mode if the joint's damping of the mode is smaller than this
+# fraction of the softening of the mode by all joints.
 NO_LOSS = 1e-9
 # A sentence states that a joint damps a mode if it causes more than this fraction of the mode's
 # losses.

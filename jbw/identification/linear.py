@@ -185,6 +185,6 @@ def _warn_when_doubtful(fit: LineFit, frf: FRF) -> None:
     if std > 0.3 * fit.zeta:
         warnings.warn(
             f"The damping {fit.zeta:.3%} +- {std:.3%} is very uncertain. Measure about "
-            f"{(10 * std / fit.zeta) ** 2:.0f} times longer for one part in ten.",
+            f"{(10 * std / fit.zeta) ** 2:.0f} times longer to determine the damping to 10 %.",
             stacklevel=3,
         )

@@ -341,9 +341,10 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
-    """Return a free decay's errors of frequency and damping, relative to the decay's beginning.
+    """Return a free decay's errors of frequency and damping: its drift from the prediction.
 
-    The uncertainty of its damping includes that of the parameters, taken from `of_run`.
+    The prediction starts from the measured beginning of the decay. The uncertainty of the damping
+    includes the uncertainty of the parameters, taken from `of_run`.
     """
     drift = decay.drift
     noise_std = np.array([decay.frequency_std, decay.rate_std / omega_n])

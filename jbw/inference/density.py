@@ -140,7 +140,7 @@ def _bounds(distribution: Any, family: str) -> tuple[float, float]:
     from numpyro.distributions import Distribution
 
     if not isinstance(distribution, Distribution):
-        raise ValueError(f"must be a distribution, but `{family}` is not a distribution.")
+        raise ValueError(f"must be a NumPyro distribution such as LogNormal, not `{family}`.")
     one_number = distribution.event_shape == distribution.batch_shape == ()
     if not one_number or distribution.support is None or distribution.is_discrete:
         raise ValueError(f"must be a density of one real number, but `{family}` is not.")

@@ -250,7 +250,7 @@ def _of_errors(record: StoredLaws, best: str) -> Iterator[str]:
 
 
 def _of_parameters(rows: Rows) -> Iterator[str]:
-    """Yield sentences on truncated parameters and thresholds of all laws except worse ones."""
+    """Yield sentences on prior bounds and on thresholds for laws not worse than the best law."""
     for name, row in rows.items():
         if row.answer == "worse":
             continue

@@ -460,7 +460,7 @@ def swept_harmonics(
         raise DataError(
             f"The source `u` must be a sweep, but its amplitude varies by {stray:.0%} within "
             f"{periods:g} periods.",
-            why="Noise and multisines have no single phase, which harmonics need.",
+            why="Harmonics refer to a single phase of the source, which noise and multisines lack.",
             remedy="Give the record of a sweep or of a tone.",
         )
     return SweptHarmonics(freq, source.T, response.T, std)

@@ -161,7 +161,7 @@ def zeros_of_load_cells(
 
 
 def together(displacement: Float[np.ndarray, " time"]) -> int:
-    r"""Return how many samples to average: so few that a sine moves by 6e-3 of its amplitude.
+    r"""Return how many samples to average, so that a sine moves at most 6e-3 amplitudes in them.
 
     Only records so long that their samples dominate the cost of a prediction are averaged. The mean
     of so few samples is below a peak by $(6\times10^{-3})^2 / 24$ of the amplitude.

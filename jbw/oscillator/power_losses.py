@@ -1,4 +1,4 @@
-"""Stiffness loss and damping of a loop whose loss of force is a power of the displacement."""
+"""Stiffness reduction and damping of a loop whose force deficit is a power of displacement."""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,7 +10,7 @@ from scipy.special import gammaln
 def power_losses(
     exponent: Any, xp: Any = np, log_gamma: Callable[[Any], Any] = gammaln
 ) -> tuple[Any, Any]:
-    r"""Return exact stiffness loss and damping, divided by $c\,Y^q$, for a lost force $c\,x^{1+q}$.
+    r"""Return exact stiffness reduction and damping over $c\,Y^q$ for a force deficit $c\,x^{1+q}$.
 
     $$C_s = \frac{8}{\pi} I(2q+2) \frac{1+q}{2+q}, \qquad C_d = \frac{4q}{\pi (2+q)}, \qquad
       I(n) = \int_0^{\pi/2} \sin^n = \frac{\sqrt\pi}{2}

@@ -81,7 +81,7 @@ def multinomial(powers: Sequence[int]) -> int:
 def repeated_kernel(
     system: PolynomialOscillator, omega: Float[ArrayLike, " tone"], powers: Sequence[int]
 ) -> Complex[Array, ""]:
-    r"""Return the Volterra kernel at repeated frequencies of a few tones.
+    r"""Return the Volterra kernel whose arguments repeat the frequencies of given tones.
 
     $$H_\eta(\underbrace{\omega_a, \dots}_{p}, \underbrace{-\omega_a, \dots}_{q},
       \underbrace{\omega_b, \dots}_{r}, \dots)$$
@@ -214,7 +214,7 @@ def _coefficients(
     slots: Int[ArrayLike, "term order"],
     weight: Int[ArrayLike, " term"],
 ) -> Complex[Array, " term"]:
-    """Return each term's coefficient; `slots` selects the amplitudes that it multiplies."""
+    """Return the coefficient of each term; `slots` selects the amplitudes in the coefficient."""
     signed = jnp.stack([omega, -omega], axis=1).ravel()
     half = jnp.stack([amplitude, jnp.conj(amplitude)], axis=1).ravel() / 2.0
     return jnp.asarray(weight) * jnp.prod(half[slots], axis=1) * kernel(system, *signed[slots].T)

@@ -377,7 +377,7 @@ def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
 
 
 def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Combination:
-    """Return a combination of tests that gives the wanted accuracy, built repeat by repeat."""
+    """Return a combination of tests that reaches the wanted accuracy; add repeats one by one."""
     # Each step adds the repeat with the largest information gain on the wanted parameters per
     # second of measurement, averaged over the joints. At the end, unnecessary repeats are removed,
     # the longest first.

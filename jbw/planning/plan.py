@@ -116,7 +116,7 @@ class PlannedBackbone:
 
     @property
     def highest_hz(self) -> float:
-        """The highest used frequency, which is that of the fundamental [Hz]."""
+        """The highest used frequency [Hz]: the natural frequency, because no harmonic is used."""
         return self.natural_hz
 
     def __str__(self) -> str:

@@ -28,7 +28,8 @@ Panels = np.ndarray
 WIDTH = 7.2
 """Width of a figure [in]: two columns of a paper, one column of the page."""
 
-NARROW = 4.0  # An ordinate is linear if the ratio of its ends is below this value.
+# The ordinate is linear if the largest value is less than this multiple of the smallest.
+NARROW = 4.0
 # number of letters in a line of the legend, where the symbol of an entry counts as seven
 LETTERS = 120
 

@@ -52,7 +52,7 @@ class Section(NamedTuple):
 
 @dataclass(frozen=True)
 class Table:
-    """A table: columns, sections of rows and a note; `of` names what the sections are."""
+    """A table: columns, sections of rows and a note; `of` is the common name of the sections."""
 
     title: str
     columns: tuple[Column, ...]

@@ -1,4 +1,4 @@
-"""The tables of a run, with the entry of the summary or of the tree that each column shows."""
+"""The tables of a run, from the entries of `summary.json` and of the posterior's tree."""
 
 from collections.abc import Sequence
 from contextlib import suppress

@@ -119,7 +119,7 @@ class StoredAssembly(Attributes):
 
 
 class StoredErrors(Attributes):
-    """The attributes of held-out errors, with the flag of separate natural frequencies per run."""
+    """The attributes of held-out errors: whether each run has a separate natural frequency."""
 
     own_frequency: bool = False
 

@@ -266,7 +266,7 @@ def _require_inside(folder: Path) -> None:
             raise RunError(
                 f"The run's folder {folder} must contain its own files, but {path.name} is a "
                 f"link to {path.resolve()}.",
-                why="If the run continued, it would write to a file outside of its folder.",
+                why="A resumed run would write to a file outside of the run's folder.",
                 remedy="Replace the link by a copy of the file.",
             )
 

@@ -58,9 +58,9 @@ from jbw.verification.predictive_basis import Basis, basis_of
 
 NUM_DRAWS = 1000  # number of draws taken from each run, so that there are a million pairs
 NUM_CARRIED = 200  # number of draws of each run for which the backbone is computed
-# amplitudes of comparison, relative to the largest displacement that both runs fitted
+# amplitudes at which runs are compared, relative to the largest displacement fitted in both
 GRID = np.linspace(0.05, 1.0, 20)
-# indices into GRID of the amplitudes of comparison: 10, 25, 50, 75 and 100 % of the largest
+# indices into GRID of the reported amplitudes: 10, 25, 50, 75 and 100 % of the largest one
 TOLD = (1, 4, 9, 14, 19)
 SURE = 0.995  # one-sided probability above which the 99 % interval of the difference excludes 0
 INPUT = "gain"  # a parameter of the source, which is no property of the joint

@@ -170,7 +170,7 @@ def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator | Struct
     """Return the posterior draws as one model whose arrays have a first axis of draws."""
     if basis.beside:
         raise ConfigError(
-            "A comparison of several laws contains more than one fitted joint.",
+            "A model needs the run of a single law, but this run compares several laws.",
             remedy="Load the run of a single law.",
         )
     return model_of(basis.draws(draws, gain=1.0), basis.laws)

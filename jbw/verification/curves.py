@@ -149,7 +149,7 @@ def _carried(
 
 
 def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group value"]:
-    """Return the source amplitudes with which the model would have the measured motion."""
+    """Return the source amplitudes at which the model reproduces the measured motion."""
     return data.factor * force_of(theta, data)[data.point] / theta["gain"]
 
 

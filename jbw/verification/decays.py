@@ -174,7 +174,7 @@ def _compared(
         own = at_own_frequency(measured_envelope, envelope, time - 0.5 * seen_s)
         own_error = error(*(np.real(x * carrier)[time >= seen_s] for x in (measured_envelope, own)))
         if held_out:
-            # The noise belongs to the measurement, and that of the fitted records may be smaller.
+            # Each measurement has its own noise: the noise of the fitted records may be smaller.
             missing = (measured_envelope - own)[time >= seen_s][:: chosen.step // stride]
             noise = max(noise, np.sqrt(white_square(missing) / 2))
         model, scatter = np.real(envelope * carrier), noise

@@ -58,7 +58,7 @@ Others = dict[str, Time]
 
 
 class Motion(NamedTuple):
-    """A test over time with its simulated responses, beginning at the first compared sample.
+    """A test in the time domain with simulated responses, from the first evaluated sample on.
 
     Attributes:
         test: The test; if not measured, its response is the median of the model.

@@ -330,7 +330,7 @@ def read_log(path: Path) -> list[dict[str, Any]]:
         if not isinstance(kind, str):
             raise RunError(
                 f"Line {number} of {path} is not valid in the log of a watch.",
-                why="The statements on later records depend on every line of the log.",
+                why="Every line of the log affects what the watch states about later records.",
                 remedy="Restore the log from a copy, or move the log away and begin a new watch.",
             )
         entries.append(entry)

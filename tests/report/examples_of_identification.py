@@ -174,7 +174,7 @@ EXAMPLES = {
         paper_steps.further_laws("cubic"),
     ],
     "posterior": [
-        posterior.statement_on("tests"),
+        posterior.statement_on("the tests"),
         posterior.sampler("amis", 12000, "logarithms"),
         posterior.evidence(-12.3, 0.02),
         posterior.in_group_unit("standard deviation of the noise"),

@@ -109,7 +109,7 @@ def _each_joint(
 
 
 def _any(result: JointsExport) -> None:
-    """Accept all joints: FMUs contain no nodes, and each is independent of the other joints."""
+    """Accept all joints: every joint becomes a separate FMU, and an FMU contains no nodes."""
 
 
 def _variables(parameters: Iterable[Parameter], result: Export) -> Iterable[Variable]:

@@ -40,8 +40,8 @@ FEWEST_LEVELS = 256  # smallest number of distinct values of a response: 8 bits
 FEW_SOURCE_LEVELS = 16
 PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m], [m/s], [m/s^2]
 GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration": "mm/s^2"}
-# Smallest number of changes of the value. All changes lie at even samples by chance in only 2^-24
-# of the cases.
+# Smallest number of changes of a signal's value from which a repetition of samples is inferred.
+# Chance places 24 changes all at even samples with a probability of only 2^-24.
 CHANGES = 24
 ORDER = 8  # number of samples from which the next one is predicted
 MANY = 2**16  # largest number of samples to which the prediction is fitted

@@ -29,7 +29,7 @@ BASE = 0.1
 # largest ratio of a gain to the median gain, because no joint changes a modal mass by more
 LARGER = 1.5
 TURNED = 0.2  # distance from -1 within which a factor means a reversed sign
-CLOSE = 0.03  # relative distance within which a factor is a ratio of units
+CLOSE = 0.03  # relative tolerance with which a factor counts as the ratio of two units
 UNITS = {
     1e-3: "thousandths", 1e3: "thousands", 1e-6: "millionths", 1e6: "millions",
     9.80665: "units of g", 1 / 9.80665: "units of g", 2 * np.pi: "rad/s for Hz",

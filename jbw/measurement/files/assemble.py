@@ -245,8 +245,8 @@ def _require_one_motion(units: Mapping[str, str]) -> None:
     if turning & set(CENTRED) and straight:
         angular, linear = sorted(turning & set(CENTRED))[0], sorted(straight)[0]
         raise ConfigError(
-            f"role `{angular}` is in `{units[angular]}`, a unit of torsion, but role `{linear}` is "
-            f"in `{units[linear]}`.",
+            f"a test is either torsional or translational, but role `{angular}` is in "
+            f"`{units[angular]}` and role `{linear}` in `{units[linear]}`.",
             why="A torsional test has only angles and torques; metres, newtons and kilograms in "
             "its results stand for radians, newton metres and kg m^2.",
             remedy="Correct the units, or name channels that measure the same motion.",

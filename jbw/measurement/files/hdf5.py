@@ -124,7 +124,7 @@ def inside(dataset: h5py.Dataset) -> h5py.Dataset:
         raise DataError(
             f"`{dataset.name}` declares the shape {dataset.shape}, but stores another shape.",
             why="The header may be damaged; if the file were read, samples would be lost.",
-            remedy="Copy the file again, or export it again.",
+            remedy="Copy the file again, or export the file again.",
         )
     return dataset
 

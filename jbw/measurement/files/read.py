@@ -146,7 +146,7 @@ def opened(path: Path) -> Iterator[Contents]:
         raise DataError(
             f"File `{path}` ({path.stat().st_size} bytes) cannot be read by the {_short(module)} "
             f"reader: {type(error).__name__}: {reason}",
-            remedy="Copy the file again from where it was measured, or export it again.",
+            remedy="Copy the file again from the recorder, or export the file again.",
         ) from error
 
 

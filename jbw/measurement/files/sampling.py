@@ -205,13 +205,13 @@ def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, L
 
 
 def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
-    """Return the caller's sampling frequency, given as a number or as the path of a scalar."""
+    """Return the stated sampling frequency and its source: the argument or a scalar in the file."""
     source = "the argument"
     if isinstance(fs, str):
         leaf = select(contents.root, fs)
         values = load(leaf).ravel() if isinstance(leaf, Leaf) else np.zeros(0)
         if values.size != 1:
-            raise DataError(f"`fs` = {fs!r} must point at one number.")
+            raise DataError(f"`fs` = {fs!r} must be the path of one number in the file.")
         source, fs = f"`{fs}`", float(values[0])
     if not (np.isfinite(fs) and fs > 0):
         raise ConfigError(f"`fs` must be positive and finite, but is {fs}.")

@@ -40,8 +40,8 @@ def contents(path: Path) -> Iterator[Contents]:
     if declared and 58 not in declared:
         others = ", ".join(map(str, sorted(set(declared))))
         raise DataError(
-            f"File `{path}` contains no data set of type 58 (time records, FRFs), but only of type "
-            f"{others}.",
+            f"File `{path}` contains no data set of type 58 (time records, FRFs): all data sets "
+            f"are of type {others}.",
             remedy="Export the time records or FRFs as UFF 58.",
         )
     library = optional("pyuff", "uff", path).UFF(str(path))

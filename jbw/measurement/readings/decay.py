@@ -51,7 +51,7 @@ FADED = 2.4
 QUIETEST = 0.3  # amplitude relative to the noise at which a decay ends
 LOUD = 4.0  # multiple of the noise's amplitude that noise alone exceeds in one of 10^7 values
 FEWEST_KEPT = 24
-LEAST_FALL = 1e-3  # smallest damping rate of a linear decay during the fit, in the unit of rates
+LEAST_FALL = 1e-3  # smallest damping rate of a linear decay during the fit, in units of `scale`
 # Lines at which the filter's gain exceeds the first number determine the noise. The second number
 # is the smallest allowed count of these lines.
 HALF_GAIN, FEWEST_LINES = 0.5, 12

@@ -270,7 +270,7 @@ def _mean(rows: list[RecordTable], weights: list[float]) -> RecordTable:
 
 
 def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: RecordTable) -> tuple[Reals, Reals]:
-    """Return errors of frequency and damping from the residual beyond noise, with lower limits."""
+    """Return errors of frequency and damping: the residual beyond noise, but at least a minimum."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
     excess = float(np.mean(np.abs(best.residual[loud]) ** 2)) - 1.5 * fits.noise**2

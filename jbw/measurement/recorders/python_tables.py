@@ -121,7 +121,7 @@ def is_labelled(contents: Contents) -> bool:
 
 
 def read_labelled(contents: Contents) -> Contents:
-    """Return the variables along a coordinate of times, which become the times of all channels."""
+    """Return the variables along the time coordinate, which gives the times of all channels."""
     clock = _clock(top(contents))
     if clock is None:
         return contents

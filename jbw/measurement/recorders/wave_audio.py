@@ -17,7 +17,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 
 def read(contents: Contents) -> Contents:
-    """Return the contents unchanged, because the WAV reader has found everything."""
+    """Return the contents unchanged, because the WAV reader already supplies rate and channels."""
     return replace(contents)
 
 

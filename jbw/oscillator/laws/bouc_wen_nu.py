@@ -201,7 +201,7 @@ class BoucWenNu(Law):
         return lost, lost * w / (self.nu + 1.0), lost**2 * w / (2.0 * self.nu + 1.0)
 
     def _stretched(self, w: Scalar, dy: Scalar) -> Scalar:
-        r"""Return the spring's stretch after a short move, by Newton steps with moments of f(w).
+        r"""Return the spring's stretch after a small displacement step, from the moments of f(w).
 
         $$w_1 = w + \frac{\Delta y}{\langle 1/(1 - f)\rangle}, \qquad
           \Bigl\langle\frac{1}{1 - f}\Bigr\rangle = \frac{1}{1 - m}

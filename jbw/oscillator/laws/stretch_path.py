@@ -1,4 +1,4 @@
-r"""Long moves and steady loops of the Bouc-Wen law with any exponent.
+r"""Large displacement steps and steady loops of the Bouc-Wen law with any exponent.
 
 $$D_c(w) = \int_0^w \frac{dt}{1 - c\,|t / \mathrm{1\,mm}|^\nu}$$
 

@@ -137,7 +137,7 @@ def assembled_structure(
 
 
 def seen_by(theta: Mapping[str, Any]) -> Float[Array, "point mode"]:
-    """Return the motion of every measured point in all modes: the first point, then by name.
+    """Return the motion of every measured point in all modes; all but the first are sorted by name.
 
     JAX sorts the names of parameters that it traces, so that no other order can be kept.
     """

@@ -14,7 +14,7 @@ TWO_SOURCES = FaultText(
     "With the shaker's voltage or current as the source, the shaker is part of the structure.",
     'State the source by drive = "voltage" or drive = "force".',
 )
-ONE_RUN = "there is only one run, and only several runs can differ"
+ONE_RUN = "offsets are differences between runs, but the campaign has only one run"
 NO_FORCE = "the tests are driven by a voltage or a current, and no force is known"
 GAIN_STATED = "the campaign states the gain, so that it is not identified"
 NO_GAIN = "no test has a source whose gain could be identified"

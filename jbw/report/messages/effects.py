@@ -129,7 +129,7 @@ def masing(ratio: Estimate, of_masing: float, comparison: str, opening: Estimate
 
 
 def smooth_alternative(spring: Estimate, damper: Estimate) -> str:
-    """Return the sentence on a smooth spring [1/(m s^2)] and damper [1/m] that fit as well."""
+    """Return the sentence on a smooth spring [1/(m s^2)] and damper [1/m] that fit equally well."""
     return (
         f"A smooth spring c y|y| with c = {_number(spring)} 1/(m s^2) and a damper c v|v| with "
         f"c = {_number(damper)} 1/m describe frequency and damping equally well: frequency and "

@@ -15,12 +15,12 @@ MESSAGES = (
         "than {frequency:.2g %} and adds less than {damping:.2g %} of zeta to the damping.",
         """
         Check: the growth of chi-square when the oscillator is fitted without the joint to the
-        same data with the same weights. The growth must exceed the limit that the same number of
-        parameters exceeds by chance with a probability of 1 %. The check is made only if the
-        posterior hardly distinguishes the joint's change of the frequency from zero.
+        same data with the same weights. The growth must exceed the limit that chance alone
+        exceeds with a probability of 1 % if no joint exists. The check is made only if the joint's
+        change of the frequency is within five standard deviations of zero.
 
-        Below the limit, the structure is described as well without the joint. The finding states
-        the largest effect that the joint may have.
+        Below the limit, a structure without the joint describes the data equally well. The finding
+        states the largest effect that the joint may have.
 
         Remedy: drive harder, because a fully stuck joint acts as a spring; or state `laws = []`
         in `[joint]`.

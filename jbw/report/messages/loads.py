@@ -134,7 +134,7 @@ def bare_level(unit: str) -> str:
 
 
 def in_bands(*, scatters: bool, misses: bool) -> str:
-    """Return what the bands of a run contain: variation between runs and discrepancy, if known."""
+    """Return the list of uncertainties in the bands; `scatters` and `misses` add one each."""
     parts = [PARAMETERS]
     parts += ["the variation between runs"] if scatters else []
     parts += ["the model discrepancy"] if misses else []

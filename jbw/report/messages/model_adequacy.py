@@ -186,8 +186,8 @@ MESSAGES = (
         residual without offsets. If levels were measured in rising order while the structure
         warmed up, measure them once in another order.
         """,
-        remedy="Change the law: the law's dependence on amplitude is wrong. (Offsets that only the "
-        "sessions cause would vary at random.) {another_law}",
+        remedy="Change the law: the law's dependence on amplitude is wrong. (Differences between "
+        "sessions cause random offsets, without a trend.) {another_law}",
         passed=f"{OFFSETS} does not depend {TREND}",
     ),
     Message(

@@ -21,16 +21,16 @@ SOLVER_STEPS = "the steps of the solver"
 CAUSES = "the causes of the residual"
 OFFSETS = "The offsets of the runs"
 JOINT_SHARES = "The effect of each joint on the modes"
-PARTICIPATION = "whether each mode takes part in the motion"
-JOINT_OF_MODES = "whether each mode has a separate joint"
-ONE_JOINT = "whether all modes share one joint"
+PARTICIPATION = "the participation of each mode in the motion"
+JOINT_OF_MODES = "the comparison of a common joint with a separate joint for each mode"
+ONE_JOINT = "a joint shared by all modes"
 JOINT_DIFFERENCE = "the difference between the joints of uncoupled modes"
 JOINT_EFFECT = "The effect of the joint on the modes"
 THRESHOLDS = "The statement on the thresholds of the laws, such as macroslip"
 WITHOUT_EACH_TEST = "the fits that each omit one test"
 WITHOUT_EACH_KIND = "the fits that each omit one kind of test"
 EACH_RECORD = "the fit to each record alone"
-JOINT_SEEN = "whether a joint is detected"
+JOINT_SEEN = "the detection of a joint"
 
 LOG_DENSITY = "log density of the Gaussian approximation, minus that at its optimum"
 LOG_LIKELIHOOD = "log likelihood"
@@ -43,7 +43,7 @@ def check_of(topic: str) -> str:
 
 def statement_on(topic: str) -> str:
     """Return the subject of a sentence that explains why a statement on a topic is missing."""
-    return f"The statement on the {topic}"
+    return f"The statement on {topic}"
 
 
 def sampler(name: str, evaluations: int, coordinates: str) -> str:
