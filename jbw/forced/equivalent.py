@@ -132,7 +132,7 @@ class EquivalentMotion:
         return crests, third
 
     def seen(self, y: Values, omega: Values) -> NDArray[np.complex128]:
-        """Return the measured displacement's first harmonic divided by Y; 1 if there is one mode."""
+        """Return the measured displacement's first harmonic over Y; 1 if there is one mode."""
         if not self.has_further_modes:
             return np.ones(y.shape, complex)
         _, _, real, imag, *_ = self._at_points(y, omega)
