@@ -65,7 +65,7 @@ def text_at(node: Any, *names: str) -> str:
 
 
 def number_at(node: Any, *names: str) -> float:
-    """Return the number at a path of names within structs, converted from text; NaN if none."""
+    """Return the number at a path of names within structs, also if stored as text; NaN if none."""
     child = node_at(node, *names)
     if isinstance(child, Leaf) and 0 < math.prod(child.shape) <= MOST_VALUES:
         values = np.ravel(load(child))
