@@ -214,8 +214,8 @@ def test_a_frequency_that_rises_is_said_to_rise_and_few_readings_say_nothing():
     assert "no change of the damping ratio is detected" in said
     (low, high) = trend(rising, "hz").exponent[1:]
     assert low <= 1.0 <= high
-    # No law has it: an even spring changes the frequency by the square of the amplitude. It is worth
-    # a fit.
+    # No law has it: a cubic spring changes the frequency by the square of the amplitude. It is
+    # worth a fit.
     assert not any("Laws whose" in sentence for sentence in found.sentences)
     assert found.laws == ("cubic",)
     same = nonlinear([a_table([1e-3], 18.0, 0.01), a_table([1e-3], 18.0, 0.01)])
