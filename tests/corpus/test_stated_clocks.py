@@ -188,7 +188,7 @@ def test_torsion_beside_a_force_is_refused(tmp_path):
     roles = {"time": "time", "displacement": "angle"}
     (record,) = read(tmp_path / "a.csv", {**roles, "restoring_force": "torque"})
     assert record.units == {"displacement": "rad", "restoring_force": "N m"}
-    with pytest.raises(ConfigError, match="of torsion"):
+    with pytest.raises(ConfigError, match="torsional or translational"):
         read(tmp_path / "a.csv", {**roles, "restoring_force": "force"})
 
 
