@@ -261,7 +261,7 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
     residuals = {
         record: residual_by_label(fit.residual, data)[record] for record, fit in fits.items()
     }
-    fraction = correlated_fraction(np.stack(list(residuals.values())))
+    fraction = correlated_fraction(list(residuals.values()))
     fraction_of_all = fractions_counted(data)
     noise_stds = np.concatenate([np.asarray(part.groups.noise_std) for part in data.parts])
     noise = dict(zip(data.labels, noise_stds, strict=True))

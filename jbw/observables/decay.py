@@ -74,7 +74,8 @@ class Decays(Envelopes):
         """Fit the initial state and the frequency shift of each record to the model's decay."""
         if self.solution is not None:
             return self.solution
-        return match(decay_of(theta, self)[None], self.mean, self.step_s)
+        lengths = self.groups.size / 2
+        return match(decay_of(theta, self)[None], self.mean, self.step_s, lengths)
 
     def solved(
         self,
@@ -193,7 +194,7 @@ class Decays(Envelopes):
         scatter = float(np.sqrt(np.mean(shift**2))) / (2 * np.pi)
         return [
             messages.frequencies_scatter(len(self.groups.labels), scatter),
-            messages.correlated(float(self.fraction), self.mean.shape[1]),
+            messages.correlated(float(self.fraction)),
         ]
 
 
@@ -309,7 +310,8 @@ def matches_at(theta: Mapping[str, Float[np.ndarray, " point"]], data: Decays) -
     Where the motion diverges, the results are not finite.
     """
     with np.errstate(all="ignore"):
-        return match(decays_at(theta, data)[:, None], np.asarray(data.mean), data.step_s)
+        decays, envelope = decays_at(theta, data)[:, None], np.asarray(data.mean)
+        return match(decays, envelope, data.step_s, np.array(data.lengths))
 
 
 def matched(theta: Theta, data: Decays) -> Match:
@@ -317,7 +319,8 @@ def matched(theta: Theta, data: Decays) -> Match:
     if data.modes is not None:
         return _matched(theta, alone(data))
     with np.errstate(all="ignore"):
-        return match(_decay_at(theta, data)[None], np.asarray(data.mean), data.step_s)
+        decay, envelope = _decay_at(theta, data)[None], np.asarray(data.mean)
+        return match(decay, envelope, data.step_s, np.array(data.lengths))
 
 
 def _decay_at(theta: Theta, data: Decays) -> Complex[np.ndarray, " step"]:
@@ -390,7 +393,7 @@ def begun(
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
     """Return how many values of a record lie in its first 0.3 / (zeta omega_n) seconds."""
     rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
-    half = data.mean.shape[1] // 2
+    half = min(data.lengths) // 2
     num_values = BEGINNING / (rate * data.step_s) if rate > 0 else half
     return int(min(max(num_values, LEAST_BEGUN), half))
 
@@ -403,7 +406,8 @@ def drift_from_beginning(theta: Theta, data: Decays, run: str) -> LeftOutDecay:
     """
     record, size = data.groups.labels.index(run), num_begun(theta, data)
     noise = np.asarray(data.groups.noise_std)
-    decay, measured = _decay_at(theta, data), np.asarray(data.mean[record])
+    decay = _decay_at(theta, data)
+    measured = np.asarray(data.mean[record])[: data.lengths[record]]
     own = match(decay, measured, data.step_s).residual
     others = np.delete(noise, record)
     usual = float(np.median(others)) if len(others) else float(noise[record])

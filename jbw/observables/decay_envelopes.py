@@ -12,7 +12,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from jbw.errors import DataError
 from jbw.measurement.demodulation import FEWEST_VALUES, BandFilter
@@ -49,8 +49,8 @@ class Envelopes(Observable):
     """The envelopes of several decays of one mode, and the filter applied to the model's decay.
 
     Attributes:
-        mean: Peak envelope of each record about the band's centre [m/s for velocities]; its noise
-            is that of the real part, and of the imaginary part.
+        mean: Peak envelope of each record about the band's centre [m/s for velocities], followed by
+            zeros in shorter records; its noise is that of the real part, and of the imaginary part.
         shift_std: Scatter of the records' natural frequencies that fits assume [rad/s].
         y_start: Displacement at which the simulated decay starts [m].
         y_read: Largest displacement at which frequency and damping were read [m].
@@ -86,30 +86,30 @@ class Envelopes(Observable):
 
     @classmethod
     def of(cls, test: Test, *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None) -> Self:
-        """Build a test's envelopes after `settle`, of equal length, with a guess of the noise."""
+        """Build a test's envelopes after `settle`, with a guess of the noise."""
         chosen = filter_of(test)
         thinned = [record_envelope[:: chosen.step] for record_envelope in envelopes(test)]
-        length = min(map(len, thinned))
-        if length < FEWEST_VALUES:
+        lengths = list(map(len, thinned))
+        if (length := min(lengths)) < FEWEST_VALUES:
             raise DataError(
                 f"Test `{test.name}` has {length} independent values in its shortest record; at "
                 f"least {FEWEST_VALUES} are needed.",
                 remedy="Widen `band`, shorten `settle`, or drop short records with `exclude`.",
             )
-        envelope = np.stack([thinned_envelope[:length] for thinned_envelope in thinned])
+        envelope = np.stack([np.pad(row, (0, max(lengths) - len(row))) for row in thinned])
         order = derivative_order(test.records[0].response)
         consumed = round(test.settle * chosen.fs) + np.arange(2 * chosen.half + 1)
         peaks = np.array([
             np.max(np.abs(record.channels[record.response][consumed])) for record in test.records
         ])  # fmt: skip
-        y_start, duration = _course(test.name, envelope, peaks, chosen, order)
+        y_start, duration = _course(test.name, thinned, peaks, chosen, order)
         turn = 2 * np.pi * chosen.centre_hz / chosen.fs
         taps = chosen.taps[:: chosen.stride]
         n = np.arange(len(taps)) * chosen.stride
         return cls(
             laws=laws,
             mean=jax.device_put(envelope),
-            groups=_groups_of(test, envelope),
+            groups=_groups_of(test, envelope, np.array(lengths)),
             shift_std=jax.device_put(1e-4 * 2 * np.pi * chosen.centre_hz),
             y_start=jax.device_put(y_start),
             y_read=jax.device_put(_largest_read(test, y_start)),
@@ -125,6 +125,11 @@ class Envelopes(Observable):
             readings=partial(read_decays, test),
         )
 
+    @property
+    def lengths(self) -> list[int]:
+        """The number of envelope values of every record."""
+        return (np.asarray(self.groups.size).astype(int) // 2).tolist()
+
 
 def _largest_read(test: Test, y_start: float) -> float:
     """Return the largest displacement [m] with a measured frequency, or else `y_start`."""
@@ -135,40 +140,48 @@ def _largest_read(test: Test, y_start: float) -> float:
     return max(float(np.max(reading.y)) for reading in readings if reading is not None)
 
 
-def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Groups:
+def _groups_of(
+    test: Test,
+    envelope: Complex[np.ndarray, "record step"],
+    lengths: Int[np.ndarray, " record"],
+) -> Groups:
     """Return one data group and one run per record; the last value is the frequency shift."""
-    count, length = envelope.shape
-    names = [f"{test.name} {i + 1}" for i in range(count)]
+    names = [f"{test.name} {i + 1}" for i in range(len(envelope))]
     return repeated(
         [row[None] for row in envelope],
-        np.full(count, 2.0 * length),
+        2.0 * lengths,
         names,
         names,
-        scale=np.sqrt(np.mean(np.abs(envelope) ** 2, axis=1)),
-        units=(UNIT_OF[test.records[0].response],) * count,
-        longest=2 * length + 1,
+        scale=np.sqrt(np.sum(np.abs(envelope) ** 2, axis=1) / lengths),
+        units=(UNIT_OF[test.records[0].response],) * len(envelope),
+        longest=2 * envelope.shape[1] + 1,
         is_complex=True,
         num_own=NUM_OWN,
     )
 
 
 def _course(
-    name: str, envelope: np.ndarray, peaks: np.ndarray, chosen: BandFilter, order: int
+    name: str,
+    envelope: Sequence[np.ndarray],
+    peaks: np.ndarray,
+    chosen: BandFilter,
+    order: int,
 ) -> tuple[float, float]:
     """Return start amplitude and duration of a simulated decay that covers all records.
 
     Args:
         name: Name of the test.
-        envelope: Envelope of every record (row).
+        envelope: Envelope of every record.
         peaks: Largest response of every record in the time that the filter takes from it.
         chosen: Filter of the band.
         order: Order of the response's derivative.
     """
-    size = np.log(np.abs(envelope))
-    strongest = int(np.argmax(size[:, 0]))
-    edge = min(8, envelope.shape[1] // 2)
-    duration = size.shape[1] * chosen.step_s
-    fall = float(size[strongest, 0] - size[strongest, -1])
+    begins = np.log(np.abs([row[0] for row in envelope]))
+    strongest = int(np.argmax(begins))
+    size = np.log(np.abs(envelope[strongest]))
+    edge = min(8, len(size) // 2)
+    duration = len(size) * chosen.step_s
+    fall = float(size[0] - size[-1])
     if not fall > 0.0:
         raise DataError(
             f"Test `{name}` must decay, but its strongest record grows by a factor of "
@@ -181,25 +194,27 @@ def _course(
     # rates. Therefore no rate is less than a fraction of the mean rate.
     first, last = (
         max(float(row[0] - row[-1]) / ((edge - 1) * chosen.step_s), LEAST_RATE * fall / duration)
-        for row in (size[strongest, :edge], size[strongest, -edge:])
+        for row in (size[:edge], size[-edge:])
     )
     # The filter removes the start of the simulated decay, where the amplitude may fall up to twice
     # as fast. The simulation therefore begins at a larger amplitude, but not far above the measured
     # peak, because a softening spring may not carry a larger motion.
     lead = chosen.half / chosen.fs
-    slow, fast = (np.exp(size[strongest, 0] + times * first * lead) for times in (1, 2))
+    slow, fast = (np.exp(size[0] + times * first * lead) for times in (1, 2))
     start = HEADROOM * max(slow, min(fast, float(peaks[strongest])))
-    weakest = size[:, 0].min()
-    late_enough = np.flatnonzero(size[strongest] <= weakest)
-    wait = (
-        late_enough[0] * chosen.step_s
-        if late_enough.size
-        else duration + (size[strongest, -1] - weakest) / last
-    )
-    if wait > MOST_WAIT * duration:
+
+    def until(begin: float) -> float:
+        """Return the time at which the strongest record has fallen to an amplitude [s]."""
+        late_enough = np.flatnonzero(size <= begin)
+        if late_enough.size:
+            return float(late_enough[0] * chosen.step_s)
+        return duration + float(size[-1] - begin) / last
+
+    weakest = float(begins.min())
+    if (wait := until(weakest)) > MOST_WAIT * duration:
         raise DataError(
             f"The records of test `{name}` must follow one decay, but the weakest record begins "
-            f"{np.exp(size[strongest, 0] - weakest):.3g} times smaller than the strongest. The "
+            f"{np.exp(size[0] - weakest):.3g} times smaller than the strongest. The "
             f"strongest record falls by a factor of {np.exp(fall):.3g} in {duration:.3g} s, and "
             f"would need {wait:.3g} s to reach the initial amplitude of the weakest record.",
             why=f"A decay of more than {MOST_WAIT:g} times the length of a record takes too "
@@ -208,9 +223,10 @@ def _course(
             "`exclude`.",
         )
     # The mode's frequency need not lie in the middle of its band.
-    turns = envelope[strongest, 1:edge] * np.conj(envelope[strongest, : edge - 1])
+    turns = envelope[strongest][1:edge] * np.conj(envelope[strongest][: edge - 1])
     omega = 2 * np.pi * chosen.centre_hz + np.angle(turns.sum()) / chosen.step_s
-    return float(start / omega**order), SPARE * (wait + duration)
+    ends = (until(b) + len(row) * chosen.step_s for b, row in zip(begins, envelope, strict=True))
+    return float(start / omega**order), SPARE * max(ends)
 
 
 class Entry(NamedTuple):
@@ -272,24 +288,29 @@ def follow(
 
 
 def match(
-    decay: Complex[Any, "... step"], envelope: Complex[Any, "... sample"], step_s: Any
+    decay: Complex[Any, "... step"],
+    envelope: Complex[Any, "... sample"],
+    step_s: Any,
+    lengths: Any = np.inf,
 ) -> Match:
     """Fit a record's initial state and frequency shift to a decay with time steps `step_s` [s].
 
-    Records and decays broadcast along their leading axes.
+    Records and decays broadcast along their leading axes. A record's values beyond its length must
+    be zero, and do not count.
     """
     xp = namespace(decay)
     steps = np.arange(envelope.shape[-1], dtype=float)
+    measured = steps < xp.asarray(lengths)[..., None]
     entry = _first_entry(decay, envelope, steps, step_s)
     for _ in range(NUM_REFINEMENTS):
         # Derivatives pass only through the last step, because earlier steps have no influence at
         # the optimum.
         entry = Entry(*map(_constant, entry))
-        _, precision, gradient, rate = _normal(decay, envelope, entry, steps, step_s)
+        _, precision, gradient, rate = _normal(decay, envelope, entry, measured, step_s)
         place, phase, shift = entry
         of_size, of_phase, of_shift = _solution(precision, gradient)
         entry = Entry(place + of_size / rate, phase + of_phase, shift + of_shift)
-    residual, precision, _, rate = _normal(decay, envelope, entry, steps, step_s)
+    residual, precision, _, rate = _normal(decay, envelope, entry, measured, step_s)
     misfit = xp.sum(xp.square(residual.real) + xp.square(residual.imag), axis=-1)
     return Match(entry, misfit, residual, precision, rate)
 
@@ -348,14 +369,15 @@ def _normal(
     decay: Complex[Any, "... step"],
     envelope: Complex[Any, "... sample"],
     entry: Entry,
-    steps: Float[np.ndarray, " sample"],
+    measured: Bool[Any, "... sample"],
     step_s: Any,
 ) -> tuple[
     Complex[Any, "... sample"], Float[Any, "... own own"], Float[Any, "... own"], Float[Any, "..."]
 ]:
     """Return residual, normal matrix, gradient (log amplitude, phase, shift), and log slope."""
-    xp = namespace(decay)
+    xp, steps = namespace(decay), np.arange(envelope.shape[-1], dtype=float)
     model, slope = follow(decay, entry, steps, step_s)
+    model = xp.where(measured, model, 0.0)
     residual = envelope - model
     rate = slope[..., 0].real
     columns = model[..., None, :] * xp.stack(

@@ -5,6 +5,8 @@ noise, it makes intervals absurdly narrow. Therefore every group counts for so m
 covariance of least squares is the one that a residual of that spectrum really causes.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Complex, Float
 from scipy.ndimage import uniform_filter1d
@@ -85,14 +87,14 @@ def _overlap(row: Row, along: Float[np.ndarray, "i n"] | Complex[np.ndarray, "i 
     return min(float(moved.sum() * square.mean() / np.sum(moved * square)), 1.0)
 
 
-def correlated_fraction(rows: Float[np.ndarray, "row n"] | Complex[np.ndarray, "row n"]) -> float:
+def correlated_fraction(rows: Sequence[Row]) -> float:
     r"""Return the share of values that count as independent, from their autocorrelation.
 
     The share w follows from $1/w = 1 + 2 \sum_{k \ge 1} \rho_k$, summed until rho is negative.
     """
-    n = rows.shape[1]
-    unit = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    spectrum = np.mean(np.abs(np.fft.fft(unit, 2 * n)) ** 2, axis=0)
+    n = max(map(len, rows))
+    spectra = [np.fft.fft(row / np.linalg.norm(row), 2 * n) for row in rows]
+    spectrum = np.mean(np.abs(spectra) ** 2, axis=0)
     rho = np.fft.ifft(spectrum).real[1 : n // 2]
     below = np.flatnonzero(rho < 0)
     total = float(rho[: below[0] if below.size else len(rho)].sum())

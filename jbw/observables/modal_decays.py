@@ -117,7 +117,7 @@ class ModalDecays(Decays):
         substeps: int | None = None,
         modes: Modes | None = None,
     ) -> Self:
-        """Build a test's envelopes after `settle`, of equal length, with a guess of the noise."""
+        """Build a test's envelopes after `settle`, with a guess of the noise."""
         if modes is None:
             raise ConfigError("Argument `modes` must name the modes of the structure, but is None.")
         mode_tests = [replace(test, band_hz=band) for band in bands_of(modes.hz, test)]
@@ -149,7 +149,8 @@ class ModalDecays(Decays):
     def matches(self, theta: Theta) -> Any:
         """Fit the initial state of each record in turn; stack the results along one axis."""
         structure = structure_of(theta, self.laws)
-        records = MatchedEnvelopes(self.mean, self.begun, self.amplitude)
+        lengths = self.groups.size / 2
+        records = MatchedEnvelopes(self.mean, self.begun, self.amplitude, lengths)
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
 
     def only(self, record: int, size: int) -> Self:
@@ -210,11 +211,12 @@ def _first_values(data: ModalDecays) -> dict[str, float]:
 
 
 class MatchedEnvelopes(NamedTuple):
-    """The fitted envelopes, with each record's initial state and modal amplitudes."""
+    """The fitted envelopes, with each record's initial state, modal amplitudes and length."""
 
     envelope: Complex[Array, "*record step"]
     begun: Float[Array, "*record own"]
     amplitude: Float[Array, "*record mode"]
+    length: Float[Array, "*record"]
 
 
 def memory_at(structure: Structure, q: Array, v: Array) -> Memories:
@@ -304,25 +306,31 @@ def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Ma
     here, *perturbed = perturbed_envelopes.sum(axis=1)
     by_shift = scale[-1] * jnp.sum(1j * _turns(length, data) * perturbed_envelopes[0], axis=0)
     changes = jnp.concatenate([(jnp.stack(perturbed) - here) / STEP, by_shift[None]])
+    measured = jnp.arange(length) < seen.length
+    changes = jnp.where(measured, changes, 0.0)
     normal = (jnp.conj(changes) @ changes.T).real
+
+    def deviation_of(structure: Structure, start: Float[Array, " own"]) -> Complex[Array, " step"]:
+        deviation = seen.envelope - modal_envelopes(structure, start, data).sum(axis=0)
+        return jnp.where(measured, deviation, 0.0)
 
     def step(deviation: Complex[Array, " step"]) -> Float[Array, " own"]:
         return jnp.linalg.solve(normal, (jnp.conj(changes) @ deviation).real)
 
     def onward(carry: tuple[Array, Array, Array], _: None) -> tuple[Any, None]:
         start, least, move = carry
-        deviation = seen.envelope - modal_envelopes(still, start + scale * move, data).sum(axis=0)
+        deviation = deviation_of(still, start + scale * move)
         better = _square(deviation) < least  # A NaN gives False.
         start = jnp.where(better, start + scale * move, start)
         move = jnp.where(better, step(deviation), SHORTER * move)
         return (start, jnp.where(better, _square(deviation), least), move), None
 
-    deviation = seen.envelope - here
+    deviation = jnp.where(measured, seen.envelope - here, 0.0)
     begun = (seen.begun, _square(deviation), step(deviation))
     (start, _, move), _ = jax.lax.scan(onward, begun, None, length=NUM_STEPS)
     start = jax.lax.stop_gradient(start + scale * move)
     changes, normal = jax.lax.stop_gradient((changes, normal))
-    deviation = seen.envelope - modal_envelopes(structure, start, data).sum(axis=0)
+    deviation = deviation_of(structure, start)
     last = step(deviation)
     residual = deviation - last @ changes
     start = start + scale * last

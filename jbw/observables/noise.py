@@ -114,7 +114,7 @@ def effective_fractions(
         labels = part.groups.labels
         # The residuals of all records of one decay test have the same spectrum.
         if part.own_shifts:
-            colour = correlated_fraction(np.stack([residuals[label] for label in labels]))
+            colour = correlated_fraction([residuals[label] for label in labels])
             fractions |= dict.fromkeys(labels, colour)
         else:
             fractions |= independent_fractions(part.groups, residuals, columns, covariance)

@@ -150,7 +150,7 @@ def _compared(
     for i, (sampled, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
         measured_envelope = sampled[::stride]
         held_out = i >= num_fitted
-        size = num_begun(source.draws, data) if held_out else data.mean.shape[1]
+        size = num_begun(source.draws, data) if held_out else data.lengths[i]
         seen_s = float(size * data.step_s) if held_out else 0.0
         # All records get the same name, because names are part of a compiled program; one program
         # is then enough.
@@ -326,7 +326,8 @@ def followed(source: Source) -> Entered:
 def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
     """Return a record's envelope for one draw of its initial state and frequency shift."""
     structure = structure_of(theta, seen.laws)
-    record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
+    length = seen.groups.size[0] / 2
+    record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0], length)
     matched = match(structure, record, seen)
     start = jnp.append(matched.entry.state, matched.entry.shift)
     # As for one mode: a short part of a record determines the initial state, with an uncertainty

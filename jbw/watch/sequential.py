@@ -247,13 +247,6 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
             )
     every = replace(test, records=(*test.records, *records))
     longer = Decays.of(every, laws=part.laws, substeps=part.substeps)
-    if longer.mean.shape[1] < part.mean.shape[1]:
-        raise DataError(
-            f"`{records[-1].name}` is shorter than the records of the run.",
-            why="All records are compared over the same duration.",
-            remedy="Make the record as long as the records of the run, or identify the joint "
-            "again.",
-        )
     return counting(longer, float(part.fraction))
 
 

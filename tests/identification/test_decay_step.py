@@ -88,12 +88,12 @@ def test_fit_finds_the_noise_and_the_shifts(fitted):
 def test_correlated_residuals_are_worth_less():
     rng = np.random.default_rng(0)
     white = rng.standard_normal((4, 2000)) + 1j * rng.standard_normal((4, 2000))
-    assert correlated_fraction(white) > 0.9
+    assert correlated_fraction(list(white)) > 0.9
     slow = np.zeros_like(white)
     for k in range(1, 2000):
         slow[:, k] = 0.8 * slow[:, k - 1] + white[:, k]
     # An autoregression of 0.8 is worth (1 - 0.8) / (1 + 0.8) of as many.
-    assert correlated_fraction(slow) == pytest.approx(1 / 9, rel=0.25)
+    assert correlated_fraction(list(slow)) == pytest.approx(1 / 9, rel=0.25)
 
 
 def test_split_holds_later_records_out():

@@ -120,6 +120,35 @@ def test_a_decay_that_diverges_spoils_no_other_point():
     assert np.all(np.isnan(found.misfit[1]))
 
 
+def cut(test, record, share):
+    """A test of which one record ends early."""
+    records = list(test.records)
+    velocity = records[record].channels["velocity"]
+    ended = {"velocity": velocity[: round(share * len(velocity))]}
+    records[record] = replace(records[record], channels=ended)
+    return replace(test, records=tuple(records))
+
+
+def test_each_record_has_its_own_length():
+    """A record that ends early is matched as if it were alone, and the others as before."""
+    whole, ended = Decays.of(decay_test()), Decays.of(cut(decay_test(), 1, 0.6))
+    assert ended.lengths[0] == whole.lengths[0] > 1.5 * ended.lengths[1]
+    before, found = matched(THETA, whole), matched(THETA, ended)
+    others = np.delete(np.arange(len(whole.lengths)), 1)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(before), strict=True):
+        np.testing.assert_allclose(a[others], b[others], rtol=1e-7, atol=1e-9)
+    values = np.asarray(ended.mean[1])[: ended.lengths[1]]
+    alone = match(np.asarray(decay_of(THETA, ended)), values, ended.step_s)
+    assert found.misfit[1] == pytest.approx(alone.misfit, rel=1e-7)
+    np.testing.assert_allclose(found.precision[1], alone.precision, rtol=1e-7, atol=1e-12)
+    assert not np.any(found.residual[1, ended.lengths[1] :])
+    # The likelihood, traced, sees the same, and its noise has fewer degrees of freedom.
+    np.testing.assert_allclose(ended.matches(THETA).misfit, found.misfit, rtol=1e-7)
+    noise = ended.with_fitted_noise(THETA, {}).groups.noise_std[1]
+    degrees = 2 * ended.lengths[1] - 3
+    assert noise == pytest.approx(np.sqrt(alone.misfit / degrees), rel=1e-7)
+
+
 def test_match_finds_where_a_record_enters():
     step_s, steps = 0.05, np.arange(400.0)
     log = -3e-3 * steps - 0.5 * np.log1p(0.01 * steps) + 0.02j * np.sqrt(1 + steps)

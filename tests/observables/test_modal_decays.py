@@ -72,6 +72,21 @@ def test_records_are_matched_but_for_how_an_impact_began(clean):
     assert np.all(np.asarray(other.misfit) > 4 * np.asarray(found.misfit))
 
 
+def test_a_record_that_ends_early_is_matched_as_if_alone():
+    test = modal_decay_test(STARTS[:2], noise=1e-3, settle=0.25)
+    first, second = test.records
+    velocity = first.channels["velocity"]
+    ended = replace(first, channels={"velocity": velocity[: round(0.6 * len(velocity))]})
+    both, alone = (
+        ModalDecays.of(replace(test, records=records), modes=MODES)
+        for records in ((ended, second), (ended,))
+    )
+    found, expected = matched(point(), both), matched(point(), alone)
+    assert both.lengths[1] > both.lengths[0] == alone.lengths[0]
+    assert float(found.misfit[0]) == pytest.approx(float(expected.misfit[0]), rel=1e-6)
+    np.testing.assert_allclose(found.precision[0], expected.precision[0], rtol=1e-6)
+
+
 def test_linear_modes_decay_in_closed_form():
     t = np.arange(round(3.0 * FS)) / FS
     roots = -ZETA * OMEGA + 1j * OMEGA * np.sqrt(1 - ZETA**2)

@@ -157,7 +157,7 @@ EXAMPLES = {
     "observed": [
         observed.with_shaker("voltage", "18.1 Hz (1 %)", "18.2 Hz (1 %)", "18.8 Hz (1 %)"),
         observed.frequencies_scatter(6, 0.01),
-        observed.correlated(0.1, 400),
+        observed.correlated(0.1),
         observed.left_of_motion("0.02 about 18.8 Hz"),
         observed.moves_joint(2, 30.1, 0.3, 0.2),
         observed.sign_of_motion(30.0, is_clear=True),

@@ -21,11 +21,11 @@ def frequencies_scatter(count: int, scatter: float) -> str:
     )
 
 
-def correlated(share: float, count: int) -> str:
+def correlated(share: float) -> str:
     """Return the sentence on the fraction of residual values that count as independent."""
     return (
-        f"The residuals are correlated; therefore only {percent(share, '.0f')} of the {count} "
-        "values of a record count as independent."
+        f"The residuals are correlated; therefore only {percent(share, '.0f')} of the values of a "
+        "record count as independent."
     )
 
 
