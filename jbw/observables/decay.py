@@ -20,7 +20,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from jbw.inference.groups.offsets import Estimate
 from jbw.kept_programs import KeptProgram
 from jbw.measurement.channels import rms
-from jbw.measurement.readings.statement import curve_of
+from jbw.measurement.readings.statement import curve_of, in_steady_motion
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.decay_drift import LeftOutDecay, left_out_decay
 from jbw.observables.decay_envelopes import (
@@ -204,8 +204,9 @@ def first_values(data: Decays) -> dict[str, float]:
 
 
 def amplitude_curve(data: Decays) -> AmplitudeCurve:
-    """Return frequency and damping as functions of amplitude, for every record."""
-    return curve_of([reading.table() for reading in data.readings() if reading is not None])
+    """Return frequency and damping of a steady motion against amplitude, from every record."""
+    tables = [reading.table() for reading in data.readings() if reading is not None]
+    return curve_of([in_steady_motion(table) for table in tables])
 
 
 def counting[Data: Decays](data: Data, fraction: float) -> Data:

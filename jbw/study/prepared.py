@@ -28,7 +28,12 @@ from jbw.identification.usable import usable
 from jbw.identification.widening import widened_by_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.measurement.channels import rms
-from jbw.measurement.readings.statement import KINDS_OF_FORCE, curve_of, few_rows
+from jbw.measurement.readings.statement import (
+    KINDS_OF_FORCE,
+    curve_of,
+    few_rows,
+    in_steady_motion,
+)
 from jbw.measurement.records import Test, drive_of
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.dataset import Dataset
@@ -111,10 +116,15 @@ def candidates(read: Sequence[str]) -> tuple[tuple[str, ...], ...]:
 def measured_curve(look: Look, tests: Sequence[Test]) -> AmplitudeCurve | None:
     """Return measured frequency and damping of the tests to fit against amplitude; None if none.
 
-    Only tests with the drive of the first one are used, because others add their own damping.
+    Only tests with the drive of the first one are used, because others add their own damping. The
+    damping is that of a steady motion.
     """
-    names = [test.name for test in tests if drive_of(test) == drive_of(tests[0])]
-    tables = [few_rows(table) for name in names for table in look.tables.get(name, [])]
+    alike = [test for test in tests if drive_of(test) == drive_of(tests[0])]
+    tables = [
+        few_rows(in_steady_motion(table) if test.kind == "decay" else table)
+        for test in alike
+        for table in look.tables.get(test.name, [])
+    ]
     with suppress(*UNREADABLE):
         return curve_of(tables) if tables else None
     return None

@@ -53,6 +53,7 @@ HYSTERESIS = {"bouc_wen": 1.0}
 # allowed decrease of the exponent of a law that saturates; the exponent of bouc_wen is 0.8 instead
 # of 1 at the amplitude where delta y reaches 2
 SATURATES = 0.25
+ELASTIC, SLIPPING = 0.5, 2.0  # c in `in_steady_motion`
 SLIDERS = ("masing_power", "iwan4")
 KINDS_OF_FORCE = (tuple(SPRINGS), tuple(DAMPERS), (*HYSTERESIS, *SLIDERS))
 
@@ -79,6 +80,28 @@ def few_rows(table: RecordTable) -> RecordTable:
         table.y[pick], table.hz[pick], table.zeta[pick],
         table.hz_covariance[square], table.zeta_covariance[square], table.chance,
     )  # fmt: skip
+
+
+def in_steady_motion(decay: RecordTable) -> RecordTable:
+    r"""Return the table of a free decay with the damping that a steady motion has.
+
+    $$\zeta_{steady} = \zeta_{decay}\,(1 + c\,s), \qquad s = \frac{d \ln f}{d \ln Y}$$
+
+    A decay whose frequency changes loses amplitude at another rate than a steady motion has
+    damping. If an elastic force hardens, $d(f Y^2)/dt = -4\pi\zeta f\,f Y^2$ and c = 1/2. If a
+    joint slips by Masing's rule, the energy between two reversals gives
+    $1 + c s = G'(Y) / \omega^2$ with the skeleton curve G of the whole force: c is 2 where the
+    stiffness falls linearly, and from 1.8 to 2.2 where it falls with the power 0.05 to 2 of Y.
+    """
+    if len(decay.y) < 3:
+        return decay
+    along = np.gradient(np.eye(len(decay.y)), np.log(decay.y), axis=0, edge_order=2)
+    s = along @ np.log(decay.hz)
+    share = np.where(s < 0, SLIPPING, ELASTIC)
+    factor, by_hz = 1 + share * s, (decay.zeta * share)[:, None] * along / decay.hz
+    covariance = np.outer(factor, factor) * decay.zeta_covariance
+    covariance += by_hz @ decay.hz_covariance @ by_hz.T
+    return decay._replace(zeta=factor * decay.zeta, zeta_covariance=covariance)
 
 
 def curve_of(tables: Sequence[RecordTable]) -> AmplitudeCurve:
