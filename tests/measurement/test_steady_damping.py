@@ -53,7 +53,7 @@ def masing_decay(duration):
 
 
 def test_a_joint_that_slips_has_the_damping_of_its_steady_loops():
-    r"""Of the skeleton curve $k x - a x^2$: $\omega^2 = k - a Y$, and $8/3\,a Y^3$/2 lost a cycle."""
+    r"""The skeleton curve $k x - a x^2$ has $\omega^2 = k - a Y$ and loses $4/3\,a Y^3$ a cycle."""
     decay = read(masing_decay(3.0))
     steady = in_steady_motion(decay)
     inside = (decay.y < 0.9 * Y) & (decay.y > 0.1 * Y)
