@@ -32,17 +32,17 @@ SCATTERED = 2.0
 
 
 def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
-    """Return the measured tables of frequency and damping of all fitted records.
+    """Return the tables of frequency and damping in steady motion of all fitted records.
 
     If some repeats of a test cannot be read, it has fewer tables than repeats; all are returned.
     """
     fitted, repeats = entered(seen), fitted_repeats(seen)
-    counts = {test.name: len(test.records) for test in seen.tests}
     chosen: list[RecordTable] = []
-    for name, tables in looked.tables.items():
-        if fitted.get(name, True):
-            is_whole = counts.get(name) == len(tables)
-            places = [i - 1 for i in repeats[name]] if is_whole else range(len(tables))
+    for test in seen.tests:
+        if fitted.get(test.name, True):
+            tables = looked.steady(test)
+            is_whole = len(test.records) == len(tables)
+            places = [i - 1 for i in repeats[test.name]] if is_whole else range(len(tables))
             chosen += [tables[i] for i in places]
     return chosen
 

@@ -35,6 +35,7 @@ from jbw.measurement.readings.statement import (
     RECORDS,
     AmplitudeTrend,
     RecordTable,
+    in_steady_motion,
     laws_with,
     nearby,
     trend,
@@ -109,6 +110,11 @@ class Look:
     readings: dict[str, list[Reading]]
     tables: dict[str, list[RecordTable]]
     responses: dict[str, ShownResponse]
+
+    def steady(self, test: Test) -> list[RecordTable]:
+        """Return the tables of a test with the damping of a steady motion; none if unread."""
+        tables = self.tables.get(test.name, [])
+        return [in_steady_motion(t) for t in tables] if test.kind == "decay" else tables
 
 
 def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look:

@@ -28,12 +28,7 @@ from jbw.identification.usable import usable
 from jbw.identification.widening import widened_by_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.measurement.channels import rms
-from jbw.measurement.readings.statement import (
-    KINDS_OF_FORCE,
-    curve_of,
-    few_rows,
-    in_steady_motion,
-)
+from jbw.measurement.readings.statement import KINDS_OF_FORCE, curve_of, few_rows
 from jbw.measurement.records import Test, drive_of
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.dataset import Dataset
@@ -120,11 +115,7 @@ def measured_curve(look: Look, tests: Sequence[Test]) -> AmplitudeCurve | None:
     damping is that of a steady motion.
     """
     alike = [test for test in tests if drive_of(test) == drive_of(tests[0])]
-    tables = [
-        few_rows(in_steady_motion(table) if test.kind == "decay" else table)
-        for test in alike
-        for table in look.tables.get(test.name, [])
-    ]
+    tables = [few_rows(table) for test in alike for table in look.steady(test)]
     with suppress(*UNREADABLE):
         return curve_of(tables) if tables else None
     return None
