@@ -53,7 +53,7 @@ from jbw.report.text import interval, number, typed
 from jbw.report.words import UNCOUNTED, is_of_prior
 from jbw.results.differences import ComparedJoint, ComparedQuantity, ComparedRun, RunDifference
 from jbw.results.run import RunSummary
-from jbw.verification.backbone import curves, has_backbone
+from jbw.verification.backbone import curves, errors_of_law, has_backbone
 from jbw.verification.predictive_basis import Basis, basis_of
 
 NUM_DRAWS = 1000  # number of draws taken from each run, so that there are a million pairs
@@ -216,14 +216,11 @@ def _along_amplitude(
 ) -> tuple[xr.Dataset | None, list[ComparedQuantity]]:
     """Return both runs' bands of frequency and damping at amplitudes that both fitted."""
     y_peak = min(run.basis.y_peak for run in (first, second))
-    laws, drawn = first.basis.laws, [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
-    if not all(has_backbone(draws, y_peak, laws) for draws in drawn):
+    runs = first, second
+    if not all(has_backbone(scalars(run.tree), y_peak, run.basis.laws) for run in runs):
         return None, []
     amplitude = y_peak * GRID
-    carried = [
-        [np.asarray(x) for x in curves(draws, amplitude, run.basis.laws)[:2]]
-        for run, draws in zip((first, second), drawn, strict=True)
-    ]
+    carried = [_with_errors(run, amplitude, seed) for seed, run in enumerate(runs)]
     rows, bands = [], {}
     for place, (name, unit) in enumerate((("frequency", "Hz"), ("damping", "1"))):
         a, b = carried[0][place], carried[1][place]
@@ -239,6 +236,20 @@ def _along_amplitude(
         "amplitude": ("amplitude", amplitude, {"units": "m"}),
     }
     return xr.Dataset(bands, coordinates), rows
+
+
+def _with_errors(
+    run: FinishedRun, amplitude: Float[np.ndarray, " amplitude"], seed: int
+) -> list[Float[np.ndarray, "draw amplitude"]]:
+    """Return a run's frequency [Hz] and damping by draw, with random errors of its law."""
+    frequency, damping, _ = curves(run.basis.thinned(NUM_CARRIED), amplitude, run.basis.laws)
+    of_frequency, of_damping = errors_of_law(amplitude, frequency, run.basis.discrepancy)
+    normal = stats.norm.ppf((np.arange(len(frequency)) + 0.5) / len(frequency))
+    rng = np.random.default_rng(seed)
+    return [
+        values + error * rng.permutation(normal)[:, None]
+        for values, error in ((frequency, of_frequency), (damping, of_damping))
+    ]
 
 
 def _statements(

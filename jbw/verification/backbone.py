@@ -45,9 +45,7 @@ def backbone_group(
         return None
     amplitude = np.linspace(0.0, CARRIED_ON * y_peak, NUM_AMPLITUDES + 1)[1:]
     frequency, damping, _ = curves(draws, amplitude, laws)
-    missed = [NOTHING if discrepancy is None else discrepancy.at(y) for y in amplitude.tolist()]
-    of_frequency, of_damping = np.array([(one.frequency, one.damping) for one in missed]).T
-    of_frequency = of_frequency * np.median(frequency, axis=0)
+    of_frequency, of_damping = errors_of_law(amplitude, frequency, discrepancy)
     peaks = y_peak * np.asarray(PARTS)
     angle = np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1]
     half = peaks[:, None] * np.cos(angle)
@@ -75,6 +73,17 @@ def backbone_group(
         {"amplitude": ("amplitude", amplitude, {"units": "m"}), "quantile": QUANTILE_AXIS},
         {"y_fitted": float(y_peak), "discrepancy": int(np.any([of_frequency, of_damping]))},
     )
+
+
+def errors_of_law(
+    amplitude: Float[np.ndarray, " amplitude"],
+    frequency: Float[np.ndarray, "draw amplitude"],
+    discrepancy: Discrepancy | None,
+) -> tuple[Float[np.ndarray, " amplitude"], Float[np.ndarray, " amplitude"]]:
+    """Return the standard deviations of a law's frequency [Hz] and damping at amplitudes [m]."""
+    missed = [NOTHING if discrepancy is None else discrepancy.at(y) for y in amplitude.tolist()]
+    of_frequency, of_damping = np.array([(one.frequency, one.damping) for one in missed]).T
+    return of_frequency * np.median(frequency, axis=0), of_damping
 
 
 def has_backbone(draws: Draws, y_peak: float, laws: Laws) -> bool:

@@ -9,6 +9,7 @@ from scipy.stats import norm
 
 from jbw.cli import run
 from jbw.errors import ConfigError
+from jbw.identification.discrepancy import Discrepancy, Missed, Scatter, as_dataset
 from jbw.report.changes import probability_text
 from jbw.report.messages import differences as texts
 from jbw.study.differences import changed_joints, compared, differences, joint_statements
@@ -26,8 +27,9 @@ def gaussian(mean, sd, seed=0):
 
 
 def write_run(
-    folder, omega_n, *, units=UNITS, laws="bouc_wen", kl=3.0, scatter=None, held=None, **more
-):
+    folder, omega_n, *, units=UNITS, laws="bouc_wen", kl=3.0, scatter=None, held=None,
+    discrepancy=None, **more,
+):  # fmt: skip
     """A finished run as `read_result` finds it: `omega_n` is mean and sd, the rest is fixed."""
     folder.mkdir()
     draws = {"omega_n": gaussian(*omega_n, seed=len(folder.name))}
@@ -43,7 +45,10 @@ def write_run(
         attrs["held"] = json.dumps(held)
     if scatter is not None:
         attrs["scatter"] = np.asarray(scatter)
-    tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), "/posterior": posterior})
+    groups = {"/": xr.Dataset(attrs=attrs), "/posterior": posterior}
+    if discrepancy is not None:
+        groups["/discrepancy"] = as_dataset(discrepancy)
+    tree = xr.DataTree.from_dict(groups)
     tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     summary = {
         "campaign": folder.name,
@@ -181,6 +186,25 @@ def with_ratio(mean, sd, seed):
     """Of a joint whose alpha and delta are poorly known: its ratio is the one number."""
     delta = np.exp(gaussian(5.0, 0.3, seed))
     return {"delta": delta, "gamma": delta * gaussian(mean, sd, seed + 1)}
+
+
+def test_what_laws_miss_widens_the_difference_of_frequency_and_damping(tmp_path):
+    """Errors of 0.1 % of the frequency and 0.001 of the damping ratio in each of two equal laws."""
+    missed = Missed(Scatter(1e-3), Scatter(1e-3))
+    discrepancy = Discrepancy(missed, missed, {}, 1e-4, 2e-3)
+    a, b = (
+        write_run(tmp_path / name, (mean, 1e-6), discrepancy=discrepancy)
+        for name, mean in (("a", 100.0), ("bb", 99.9))
+    )
+    for row in differences(a, b)[0].backbone:
+        # 0.1 % apart with errors of 0.1 % each: P(A > B) = Phi(1 / sqrt 2), and half for damping.
+        hz = 0.1 / (2 * np.pi)
+        apart, wide = (hz, hz) if row.name == "frequency" else (0.0, 1e-3)
+        # The normal deviates of 200 draws; each pair of them counts.
+        expected = norm.cdf(apart / (np.sqrt(2) * wide))
+        assert row.probability == pytest.approx(expected, abs=0.02)
+        interval = norm.ppf([0.005, 0.995], apart, np.sqrt(2) * wide)
+        np.testing.assert_allclose(np.asarray(row.difference)[[0, 2]], interval, atol=0.1 * wide)
 
 
 def test_two_modes_of_one_joint_have_one_ratio(tmp_path):
