@@ -326,8 +326,8 @@ def followed(source: Source) -> Entered:
 def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
     """Return a record's envelope for one draw of its initial state and frequency shift."""
     structure = structure_of(theta, seen.laws)
-    length = seen.groups.size[0] / 2
-    record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0], length)
+    num_values = seen.groups.size[0] / 2
+    record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0], num_values)
     matched = match(structure, record, seen)
     start = jnp.append(matched.entry.state, matched.entry.shift)
     # As for one mode: a short part of a record determines the initial state, with an uncertainty
