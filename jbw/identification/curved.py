@@ -16,6 +16,7 @@ from contextlib import suppress
 import jax
 import numpy as np
 from jaxtyping import Array, Float, Key
+from scipy.special import chdtri
 
 from jbw.errors import ModelError
 from jbw.identification.prepare import Fitted
@@ -40,6 +41,9 @@ SIZE, MOST_ROUNDS = 256, 12  # number of points in a round of weighting, and num
 # numbers of effective points: above the first one, no further round begins; below the second one,
 # the Gaussian approximation is used
 ENOUGH, FEWEST = 200.0, 100.0
+# probability of a smaller likelihood in a Gaussian posterior below which a draw is excluded, and
+# number of draws that are kept in any case
+EXCLUDED, KEPT = 1e-5, 100
 MOST_KHAT = 1.0  # k-hat above which weights have no finite mean
 
 
@@ -109,16 +113,21 @@ def weighted_draws(
     return (density, theta), effective
 
 
-def solvable_draws(
+def possible_draws(
     key: Key[Array, ""], density: Draws, theta: Mapping[str, Draws], data: Dataset
 ) -> tuple[Draws, dict[str, Draws]]:
-    """Return the draws; for an unsolvable draw, return a draw for which the model can be solved.
+    """Return the draws; for a draw that the data exclude, return one that they do not exclude.
 
-    A Gaussian reaches parameters that no motion belongs to, at which a posterior is zero. A single
-    such draw would leave a prediction without a median.
+    Beyond a threshold of its law, or along a curved ridge, a Gaussian reaches parameters whose
+    likelihood is smaller than that of any of 10^5 draws of a Gaussian posterior; or at which the
+    model cannot be solved, so that a single draw would leave a prediction without a median. The
+    hundred most likely draws are kept in any case.
     """
     known = at_points(dataset.log_likelihood, theta, data).sum(axis=1)
-    good = np.flatnonzero(np.isfinite(known))
+    known = np.where(np.isfinite(known), known, -np.inf)
+    least = known.max() - 0.5 * chdtri(len(theta), EXCLUDED)
+    least = min(least, np.sort(known)[-min(KEPT, len(known))])
+    good = np.flatnonzero(np.isfinite(known) & (known >= least))
     if len(good) in (0, len(known)):
         return density, dict(theta)
     rows = np.arange(len(known))

@@ -27,7 +27,7 @@ from scipy.special import softmax
 from jbw.identification.accuracy import errors_and_colour
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.checks import Checks, seen_hysteresis
-from jbw.identification.curved import is_curved, solvable_draws, weighted_draws
+from jbw.identification.curved import is_curved, possible_draws, weighted_draws
 from jbw.identification.equivalent import effects
 from jbw.identification.free_decays import FreeDecays, decays_in
 from jbw.identification.gain_units import with_gain_units
@@ -101,7 +101,7 @@ def about_fit(
     weighted = weighted_draws(key, ready, NUM_CHAINS, NUM_DRAWS) if curved else None
     draws, effective = weighted or (laplace_draws(key, ready), None)
     if curved and weighted is None:
-        draws = solvable_draws(key, *draws, ready.data)
+        draws = possible_draws(key, *draws, ready.data)
     tree = with_gain_units(laplace_tree(ready, draws, effective), seen.tests)
     joint = JointPosterior("joint", tree, ready, ready.wall_s + perf_counter() - started)
     in_fit = None if seen.decays is None else decays_in(ready.data)

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.stats import norm
 
 from jbw.identification import curved
 from jbw.inference.space.box import box
@@ -89,7 +90,24 @@ def test_draws_where_nothing_can_be_solved_are_replaced_by_others(monkeypatch):
     theta = {"x": np.array([0.0, -1.0, 2.0, -3.0]), "y": np.arange(4.0)}
     monkeypatch.setattr(curved, "at_points", lambda _, theta, data: np.sqrt(theta["x"])[:, None])
     with np.errstate(invalid="ignore"):
-        density, found = curved.solvable_draws(jax.random.key(0), np.arange(4.0), theta, None)
+        density, found = curved.possible_draws(jax.random.key(0), np.arange(4.0), theta, None)
     assert found["x"][[0, 2]].tolist() == [0.0, 2.0]
     assert set(found["x"]) == {0.0, 2.0}
     np.testing.assert_array_equal(density, found["y"])  # Draws are replaced as a whole.
+
+
+@pytest.mark.parametrize(
+    ("steepness", "reach"),
+    # as far as one of 10^5 draws of N(0, 1) goes; or the 100 of 2,001 draws nearest the maximum
+    [(1.0, norm.isf(5e-6)), (1e3, 0.5)],
+)
+def test_draws_that_the_data_exclude_are_replaced_by_others(monkeypatch, steepness, reach):
+    x = np.linspace(-10.0, 10.0, 2001)
+    monkeypatch.setattr(
+        curved, "at_points", lambda _, theta, data: -0.5 * (steepness * theta["x"][:, None]) ** 2
+    )
+    density, found = curved.possible_draws(jax.random.key(0), 2 * x, {"x": x}, None)
+    stays = np.abs(x) <= reach
+    np.testing.assert_array_equal(found["x"][stays], x[stays])
+    assert np.max(np.abs(found["x"])) == pytest.approx(reach, abs=0.011)
+    np.testing.assert_array_equal(density, 2 * found["x"])
