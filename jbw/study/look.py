@@ -114,7 +114,7 @@ class Look:
     def steady(self, test: Test) -> list[RecordTable]:
         """Return the tables of a test with the damping of a steady motion; none if unread."""
         tables = self.tables.get(test.name, [])
-        return [in_steady_motion(t) for t in tables] if test.kind == "decay" else tables
+        return [in_steady_motion(t) for t in tables] if test.traits.is_free else tables
 
 
 def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look:
