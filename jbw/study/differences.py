@@ -216,11 +216,14 @@ def _along_amplitude(
 ) -> tuple[xr.Dataset | None, list[ComparedQuantity]]:
     """Return both runs' bands of frequency and damping at amplitudes that both fitted."""
     y_peak = min(run.basis.y_peak for run in (first, second))
-    runs = first, second
-    if not all(has_backbone(scalars(run.tree), y_peak, run.basis.laws) for run in runs):
+    laws, drawn = first.basis.laws, [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
+    if not all(has_backbone(draws, y_peak, laws) for draws in drawn):
         return None, []
     amplitude = y_peak * GRID
-    carried = [_with_errors(run, amplitude, seed) for seed, run in enumerate(runs)]
+    carried = [
+        _with_errors(run.basis, draws, amplitude, seed)
+        for seed, (run, draws) in enumerate(zip((first, second), drawn, strict=True))
+    ]
     rows, bands = [], {}
     for place, (name, unit) in enumerate((("frequency", "Hz"), ("damping", "1"))):
         a, b = carried[0][place], carried[1][place]
@@ -239,11 +242,11 @@ def _along_amplitude(
 
 
 def _with_errors(
-    run: FinishedRun, amplitude: Float[np.ndarray, " amplitude"], seed: int
+    basis: Basis, draws: Draws, amplitude: Float[np.ndarray, " amplitude"], seed: int
 ) -> list[Float[np.ndarray, "draw amplitude"]]:
     """Return a run's frequency [Hz] and damping by draw, with random errors of its law."""
-    frequency, damping, _ = curves(run.basis.thinned(NUM_CARRIED), amplitude, run.basis.laws)
-    of_frequency, of_damping = errors_of_law(amplitude, frequency, run.basis.discrepancy)
+    frequency, damping, _ = curves(draws, amplitude, basis.laws)
+    of_frequency, of_damping = errors_of_law(amplitude, frequency, basis.discrepancy)
     normal = stats.norm.ppf((np.arange(len(frequency)) + 0.5) / len(frequency))
     rng = np.random.default_rng(seed)
     return [
