@@ -24,7 +24,7 @@ $$\frac{\alpha_i\gamma_i}{\alpha_i\delta_i} = \frac{\gamma}{\delta}, \qquad i = 
 so that it must agree between modes that share one joint.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,7 +54,7 @@ from jbw.report.words import UNCOUNTED, is_of_prior
 from jbw.results.differences import ComparedJoint, ComparedQuantity, ComparedRun, RunDifference
 from jbw.results.run import RunSummary
 from jbw.verification.backbone import curves, errors_of_law, has_backbone
-from jbw.verification.predictive_basis import Basis, basis_of
+from jbw.verification.predictive_basis import Basis, Draws, basis_of
 
 NUM_DRAWS = 1000  # number of draws taken from each run, so that there are a million pairs
 NUM_CARRIED = 200  # number of draws of each run for which the backbone is computed
@@ -67,8 +67,6 @@ INPUT = "gain"  # a parameter of the source, which is no property of the joint
 BY_CHANCE = 0.01  # probability of reporting a changed joint when no joint has changed
 # If two natural frequencies differ by more than this factor, they belong to different modes.
 APART = 1.1
-
-Draws = Mapping[str, Float[np.ndarray, " draw"]]
 
 
 class FinishedRun(NamedTuple):
